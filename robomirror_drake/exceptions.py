@@ -1,0 +1,83 @@
+"""Every error this package raises on purpose, each carrying the evidence for it.
+
+Errors of foreign libraries are wrapped where they enter, so that a caller who
+catches :class:`RoboMirrorError` has caught all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+
+class RoboMirrorError(Exception):
+    """Base class of all errors raised by this package."""
+
+
+class InputError(RoboMirrorError):
+    """What the user gave cannot be used; the message says what, and what to do."""
+
+
+class ConfigError(InputError):
+    """A scenario or robot file has an unknown key or a bad value."""
+
+
+class MotionFileError(InputError):
+    """A motion file is malformed, empty, too short or of the wrong skeleton.
+
+    Attributes:
+        path: The file.
+        fault: What is wrong with it, in words.
+    """
+
+    def __init__(self, path: Path | str, fault: str) -> None:
+        super().__init__(f"{path}: {fault}")
+        self.path = Path(path)
+        self.fault = fault
+
+
+class UnknownCommandError(InputError):
+    """The text names no action that the motion generator knows.
+
+    Attributes:
+        text: The clause that was not understood.
+        nearest: The nearest known actions, best first.
+    """
+
+    def __init__(self, text: str, nearest: Sequence[str]) -> None:
+        super().__init__(
+            f"no known action in {text!r}; the nearest are: {', '.join(nearest)}"
+        )
+        self.text = text
+        self.nearest = tuple(nearest)
+
+
+class RobotModelError(RoboMirrorError):
+    """The robot's description is missing, or Drake and Pinocchio disagree on it."""
+
+
+class RetargetingError(RoboMirrorError):
+    """No reference within the gate was found for a human motion.
+
+    Attributes:
+        motion: Name of the human motion.
+        residuals: The figures that the gate looked at, by name, in their units.
+        exceeded: The names of those over their limit.
+    """
+
+    def __init__(
+        self, motion: str, residuals: Mapping[str, float], exceeded: Sequence[str]
+    ) -> None:
+        figures = ", ".join(f"{name} = {residuals[name]:.4g}" for name in exceeded)
+        super().__init__(f"motion {motion!r} cannot be retargeted: {figures}")
+        self.motion = motion
+        self.residuals = dict(residuals)
+        self.exceeded = tuple(exceeded)
+
+
+class ControllerError(RoboMirrorError):
+    """The whole-body controller was given something it cannot work with."""
+
+
+class ResultError(InputError):
+    """A result folder is missing, incomplete or not one of ours."""

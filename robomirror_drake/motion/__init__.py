@@ -1,0 +1,1 @@
+"""Text to human motion: file formats, library, actions, composer, generator."""
