@@ -27,7 +27,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 def _frozen(value: npt.ArrayLike, dtype: type, shape: tuple[int | None, ...], name: str) -> Any:
     """A read-only, contiguous copy of ``value``, or a ValueError that names the field."""
-    array = np.array(value, dtype=dtype, order="C")
+    array: npt.NDArray[Any] = np.array(value, dtype=dtype, order="C")
     if array.ndim != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
     ):

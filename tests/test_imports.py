@@ -1,0 +1,107 @@
+"""Imports inside the package point one way, and the root folders cannot be imported bare."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "robomirror_drake"
+
+# Lowest first: a module may import from its own layer and from those below it.
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("messages", "exceptions", "assets"),
+    ("robot_spec", "urdf", "robot", "optimization", "motion", "outcome"),
+    ("systems",),
+    ("config",),
+    ("pipeline",),
+    ("rollout", "results"),
+    ("report", "playback", "bench", "survey"),
+    ("cli",),
+    ("__main__",),
+)
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+
+
+def _modules() -> dict[str, Path]:
+    """Dotted name below the package -> file, for every module of the package."""
+    folders = [PACKAGE, PACKAGE / "motion"] + [ROOT / n for n in ("systems", "optimization")]
+    files = {path for folder in folders for path in folder.rglob("*.py")}
+    return {".".join(path.relative_to(_home(path)).with_suffix("").parts): path for path in files}
+
+
+def _home(path: Path) -> Path:
+    return PACKAGE if path.is_relative_to(PACKAGE) else ROOT
+
+
+def _imported(path: Path) -> set[str]:
+    """Every absolute module name that a file imports, also inside functions."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import in line {node.lineno}"
+            module = node.module or ""
+            names.add(module)
+            names.update(f"{module}.{alias.name}" for alias in node.names)
+    return names
+
+
+def test_imports_point_one_way() -> None:
+    wrong = []
+    for name, path in _modules().items():
+        top = name.split(".")[0]
+        if top == "__init__":
+            continue
+        assert top in LEVEL, f"{path} is in no layer; add it to LAYERS"
+        for imported in _imported(path):
+            parts = imported.split(".")
+            if parts[0] != "robomirror_drake" or len(parts) < 2 or parts[1] not in LEVEL:
+                continue
+            if LEVEL[parts[1]] > LEVEL[top]:
+                wrong.append(f"{name} imports {imported}")
+    assert not wrong, "\n".join(sorted(wrong))
+
+
+def test_optimization_knows_no_systems() -> None:
+    wrong = [
+        f"{name} imports {imported}"
+        for name, path in _modules().items()
+        if name.split(".")[0] == "optimization"
+        for imported in _imported(path)
+        if imported.startswith("pydrake.systems")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_library_imports_no_pydrake_all_and_no_bare_root_folder() -> None:
+    bare = {"systems", "optimization", "assets", "pydrake.all"}
+    wrong = [
+        f"{name} imports {imported}"
+        for name, path in _modules().items()
+        for imported in _imported(path)
+        if imported in bare or imported.split(".")[0] in bare
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("name", ["systems", "optimization", "assets"])
+def test_root_folder_refuses_its_short_name(name: str) -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", f"import {name}"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert run.returncode != 0
+    assert f"import this package as robomirror_drake.{name}" in run.stderr
+
+
+def test_symlinks_lead_to_the_root_folders() -> None:
+    for name in ("systems", "optimization", "assets"):
+        module = importlib.import_module(f"robomirror_drake.{name}")
+        assert module.__file__ is not None
+        assert Path(module.__file__).resolve() == ROOT / name / "__init__.py"
