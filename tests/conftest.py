@@ -1,0 +1,103 @@
+"""Fixtures that more than one test module uses."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robomirror_drake.messages import Execution, HumanMotion, RobotReference
+
+RATE = 60.0
+
+
+def _standing(samples: int) -> np.ndarray:
+    """(samples, 30) upright at 0.8 m, all joints at zero."""
+    q = np.zeros((samples, 30))
+    q[:, 0], q[:, 6] = 1.0, 0.8
+    return q
+
+
+@pytest.fixture
+def make_execution() -> Callable[..., Execution]:
+    """Makes a perfect, motionless execution; keyword arguments replace its fields."""
+
+    def make(samples: int = 61, **changes: Any) -> Execution:
+        weight = np.zeros((samples, 2, 3))
+        weight[..., 2] = 300.0
+        perfect = Execution(
+            time=np.arange(samples) / RATE,
+            q=_standing(samples),
+            v=np.zeros((samples, 29)),
+            q_ref=_standing(samples),
+            v_ref=np.zeros((samples, 29)),
+            torque=np.zeros((samples, 23)),
+            foot_force=weight,
+            other_force=np.zeros(samples),
+            contact_ref=np.ones((samples, 2, 4), dtype=np.bool_),
+            qp_status=np.zeros(samples),
+        )
+        return dataclasses.replace(perfect, **changes)
+
+    return make
+
+
+@pytest.fixture
+def noisy_execution(make_execution: Callable[..., Execution]) -> Execution:
+    """Two seconds of random numbers in the right shapes and of sensible size."""
+    rng = np.random.default_rng(7)
+    n = 121
+    sway = 0.02 * rng.standard_normal((n, 30))
+    q = _standing(n) + sway
+    return make_execution(
+        n,
+        q=q,
+        v=0.1 * rng.standard_normal((n, 29)),
+        torque=40.0 * rng.standard_normal((n, 23)),
+        contact_ref=rng.random((n, 2, 4)) > 0.3,
+        text="a person sways <b>& more</b>",
+        source="test",
+        seed=3,
+        motion_end=1.5,
+    )
+
+
+@pytest.fixture
+def candidates() -> tuple[HumanMotion, ...]:
+    """Three human motions of unequal length, two of them with style parameters."""
+    rng = np.random.default_rng(5)
+    stand = np.zeros((22, 3))
+    stand[:, 2] = np.linspace(0.9, 1.6, 22)
+    return tuple(
+        HumanMotion(
+            positions=stand + 0.01 * rng.standard_normal((frames, 22, 3)),
+            fps=20.0,
+            text="a person sways",
+            source=f"test/{frames}",
+            style=style,
+        )
+        for frames, style in ((41, {"tempo": 1.0}), (35, {"tempo": 1.1, "amplitude": 0.9}), (9, {}))
+    )
+
+
+@pytest.fixture
+def reference() -> RobotReference:
+    """Two seconds of standing with a planned share of the weight on each foot."""
+    n = 121
+    force = np.zeros((n, 2, 6))
+    force[..., 5] = 306.0
+    return RobotReference(
+        time=np.arange(n) / RATE,
+        q=_standing(n),
+        v=np.zeros((n, 29)),
+        a=np.zeros((n, 29)),
+        contact=np.ones((n, 2, 4), dtype=np.bool_),
+        text="a person sways",
+        source="test/41",
+        residuals={"keypoint_error": 0.012, "penetration": 1e-4},
+        foot_force=force,
+        planned=True,
+    )
