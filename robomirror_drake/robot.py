@@ -25,7 +25,7 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
@@ -168,7 +168,7 @@ class Robot:
         parser = Parser(plant)
         parser.SetAutoRenaming(True)
         try:
-            (instance,) = parser.AddModels(str(self.urdf))
+            (instance,) = parser.AddModels(self.urdf)
         except RuntimeError as error:
             raise RobotModelError(f"Drake cannot read {self.urdf}: {error}") from error
         if name is not None:
@@ -197,16 +197,17 @@ class Robot:
 
         for foot, spec in self.spec.feet.items():
             for number, corner in enumerate(spec.corners):
-                center = RigidTransform([*corner[:2], corner[2] + SOLE_SPHERE_RADIUS])
+                lifted = corner + np.array([0.0, 0.0, SOLE_SPHERE_RADIUS])
+                center = RigidTransform(p=lifted)
                 add(spec.link, center, Sphere(SOLE_SPHERE_RADIUS), f"{foot}_corner_{number}")
         for name, capsule in self.spec.collision.items():
-            a, b = (np.array(end) for end in capsule.ends)
+            a, b = (np.array(end, dtype=np.float64) for end in capsule.ends)
             length = float(np.linalg.norm(b - a))
             if length == 0.0:
-                add(capsule.link, RigidTransform(a), Sphere(capsule.radius), name)
+                add(capsule.link, RigidTransform(p=a), Sphere(capsule.radius), name)
             else:
-                pose = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), b - a)
-                X = RigidTransform(np.block([[pose.matrix(), ((a + b) / 2)[:, None]]]))
+                # Drake's capsule lies along its own z.
+                X = RigidTransform(RotationMatrix.MakeFromOneVector(b - a, 2), (a + b) / 2)
                 add(capsule.link, X, Capsule(capsule.radius, length), name)
 
     def filter_self_collision(
