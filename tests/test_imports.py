@@ -20,6 +20,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("systems",),
     ("config",),
     ("pipeline",),
+    ("tables",),
     ("rollout", "results"),
     ("report", "playback", "bench", "survey"),
     ("cli",),

@@ -1,0 +1,136 @@
+"""Messages as Parquet files whose columns say what they hold.
+
+Every column carries its ``unit``, ``description`` and the ``shape`` of one row
+(flattened in C order) as field metadata. What is not an array stands as JSON under
+the key ``message`` of the schema metadata. Arrays come back bit for bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from robomirror_drake.exceptions import ResultError
+from robomirror_drake.messages import Execution, HumanMotion, RobotReference
+
+COLUMNS: Mapping[str, tuple[str, str]] = {
+    "candidate": ("", "index of the candidate that the frame belongs to"),
+    "positions": ("m", "positions of the 22 joints in world, z up, HumanML3D joint order"),
+    "time": ("s", "time from the start"),
+    "q": ("1, m, rad", "base quaternion wxyz, base position in world, joint angles"),
+    "v": ("rad/s, m/s, rad/s", "base angular and linear velocity in world, joint velocities"),
+    "a": ("rad/s², m/s², rad/s²", "time derivative of v"),
+    "q_ref": ("1, m, rad", "q as the reference has it"),
+    "v_ref": ("rad/s, m/s, rad/s", "v as the reference has it"),
+    "contact": ("", "whether a sole corner is meant to bear load: left, right foot × 4 corners"),
+    "contact_ref": (
+        "",
+        "whether a sole corner is meant to bear load: left, right foot × 4 corners",
+    ),
+    "torque": ("N·m", "joint torques applied"),
+    "other_force": ("N", "norm of the ground force on all links but the feet"),
+    "qp_status": ("", "0, or how many ticks in a row the controller's QP had not been solved"),
+}
+"""Unit and description of the columns."""
+
+FOOT_FORCE = {
+    RobotReference: ("N·m, N", "planned moment and force on the left and right foot, world axes"),
+    Execution: ("N", "measured ground force on the left and right foot, world axes"),
+}
+"""The one column whose meaning depends on the file."""
+
+_Message = TypeVar("_Message", RobotReference, Execution)
+
+
+def write_message(path: Path, message: RobotReference | Execution) -> None:
+    """Writes one row a sample, one column an array field."""
+    values = {f.name: getattr(message, f.name) for f in dataclasses.fields(message)}
+    docs = {**COLUMNS, "foot_force": FOOT_FORCE[type(message)]}
+    columns = {n: (v, docs[n]) for n, v in values.items() if isinstance(v, np.ndarray)}
+    rest = {n: v for n, v in values.items() if not isinstance(v, np.ndarray)}
+    plain = {n: dict(v) if isinstance(v, Mapping) else v for n, v in rest.items()}
+    pq.write_table(_table(columns, plain), path)
+
+
+def read_message(path: Path, kind: type[_Message]) -> _Message:
+    """Reads what :func:`write_message` wrote.
+
+    Raises:
+        ResultError: The file is missing, damaged or holds something else.
+    """
+    arrays, rest = _read_table(path)
+    try:
+        return kind(**arrays, **rest)
+    except (TypeError, ValueError) as error:
+        raise ResultError(f"{path}: {error}") from error
+
+
+def write_candidates(path: Path, candidates: tuple[HumanMotion, ...]) -> None:
+    """Writes human motions one after the other, one row a frame."""
+    owner = np.repeat(np.arange(len(candidates)), [len(c.positions) for c in candidates])
+    positions = np.concatenate([c.positions for c in candidates])
+    columns = {
+        "candidate": (owner.astype(np.int32), COLUMNS["candidate"]),
+        "positions": (positions, COLUMNS["positions"]),
+    }
+    described = [
+        {"fps": c.fps, "text": c.text, "source": c.source, "style": dict(c.style)}
+        for c in candidates
+    ]
+    pq.write_table(_table(columns, described), path)
+
+
+def read_candidates(path: Path) -> tuple[HumanMotion, ...]:
+    """Reads what :func:`write_candidates` wrote.
+
+    Raises:
+        ResultError: The file is missing, damaged or holds something else.
+    """
+    arrays, described = _read_table(path)
+    try:
+        owner, positions = arrays["candidate"], arrays["positions"]
+        return tuple(
+            HumanMotion(positions=positions[owner == number], **rest)
+            for number, rest in enumerate(described)
+        )
+    except (TypeError, ValueError, KeyError) as error:
+        raise ResultError(f"{path}: {error}") from error
+
+
+def _table(
+    columns: Mapping[str, tuple[npt.NDArray[Any], tuple[str, str]]], message: Any
+) -> pa.Table:
+    """A table of arrays whose first axis is the rows, with documented columns."""
+    arrays, schema = [], []
+    for name, (array, (unit, description)) in columns.items():
+        width = int(np.prod(array.shape[1:]))
+        flat = pa.array(array.reshape(-1))
+        arrays.append(flat if array.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, width))
+        shape = json.dumps(array.shape[1:])
+        notes = {"unit": unit, "description": description, "shape": shape}
+        schema.append(pa.field(name, arrays[-1].type, nullable=False, metadata=notes))
+    text = json.dumps(message, ensure_ascii=False)
+    return pa.Table.from_arrays(arrays, schema=pa.schema(schema, metadata={"message": text}))
+
+
+def _read_table(path: Path) -> tuple[dict[str, Any], Any]:
+    """The columns of a file with their rows in shape, and its message."""
+    try:
+        table = pq.read_table(path)
+        arrays = {}
+        for column in table.schema:
+            values = table[column.name].combine_chunks()
+            flat = values.flatten() if pa.types.is_fixed_size_list(column.type) else values
+            shape = json.loads(column.metadata[b"shape"])
+            arrays[column.name] = flat.to_numpy(zero_copy_only=False).reshape(len(table), *shape)
+        return arrays, json.loads(table.schema.metadata[b"message"])
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
+        raise ResultError(f"{path}: {error}") from error
