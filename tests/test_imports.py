@@ -22,7 +22,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("pipeline",),
     ("tables",),
     ("rollout", "results"),
-    ("report", "playback", "bench", "survey"),
+    ("figures", "playback", "bench", "survey"),
+    ("report",),
     ("cli",),
     ("__main__",),
 )

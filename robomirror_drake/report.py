@@ -1,0 +1,140 @@
+"""A result as one HTML page that needs no network."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import jinja2
+import numpy as np
+import plotly.graph_objects as go
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from robomirror_drake import figures
+from robomirror_drake.messages import Execution, Outcome
+from robomirror_drake.outcome import HEIGHT_DROP, LEAN, TOUCH_FORCE, lean_angle
+from robomirror_drake.results import Result
+from robomirror_drake.robot import Robot
+
+CAUSES = {
+    "contact": "a link other than the feet touched the ground",
+    "height": f"the pelvis sank more than {HEIGHT_DROP:.2f} m below the reference",
+    "tilt": f"the trunk leaned more than {np.rad2deg(LEAN):.0f}° away from the reference",
+}
+
+
+class Metric(NamedTuple):
+    """A row of the table of metrics; ``limit`` is empty where there is none."""
+
+    name: str
+    symbol: Markup
+    value: str
+    unit: str
+    limit: str = ""
+
+
+def render_report(result: Result, robot: Robot) -> str:
+    """The report of a result as HTML, with plotly.js and all data inside.
+
+    Args:
+        result: What to report.
+        robot: The robot that executed it.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("robomirror_drake.assets", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    execution, outcome = result.execution, result.outcome
+    names = robot.joint_names
+    limbs = []
+    for number, limb in enumerate(figures.limbs(robot.model)):
+        columns = [names.index(name) for name in limb]
+        angles = figures.joint_angles(limb, columns, execution, outcome)
+        torques = figures.joint_torques(limb, columns, execution, outcome, robot.effort_limits)
+        limbs.append(
+            {
+                "label": f"{limb[0]} … {limb[-1]}" if len(limb) > 1 else limb[0],
+                "angles": _div(angles, f"angles-{number}"),
+                "torques": _div(torques, f"torques-{number}"),
+            }
+        )
+    return environment.get_template("report.html").render(
+        result=result,
+        sentence=outcome_sentence(outcome, execution),
+        metrics=_metrics(result, robot),
+        path=_div(figures.root_path(execution, outcome), "path"),
+        root=_div(figures.root_errors(execution, outcome), "root"),
+        contacts=_div(figures.contacts(execution, result.reference, outcome), "contacts"),
+        limbs=limbs,
+        style_names=sorted({name for c in result.candidates for name in c.style}),
+        plotly_js=_plotly_js(),
+    )
+
+
+def outcome_sentence(outcome: Outcome, execution: Execution) -> str:
+    """How it went, in one sentence."""
+    if outcome.fall_time_s is not None:
+        cause = CAUSES[outcome.fall_cause or ""]
+        return f"The robot fell after {outcome.fall_time_s:.2f} s: {cause}."
+    hold = outcome.duration_s - execution.motion_end
+    if execution.motion_end > 0.0 and hold > 0.0:
+        return (
+            f"The robot carried out the motion ({execution.motion_end:.1f} s), "
+            f"then stood for {hold:.1f} s, and did not fall."
+        )
+    return f"The robot carried out the motion ({outcome.duration_s:.1f} s) and did not fall."
+
+
+def _metrics(result: Result, robot: Robot) -> list[Metric]:
+    outcome, execution = result.outcome, result.execution
+    drop = np.max(execution.q_ref[:, 6] - execution.q[:, 6])
+    lean = np.max(lean_angle(execution.q[:, :4], execution.q_ref[:, :4]))
+    share = np.max(np.abs(execution.torque) / robot.effort_limits)
+    friction = robot.spec.contact.friction
+    return [
+        Metric("joint position error", _sub("A", "q"), f"{outcome.A_q:.4f}", "rad"),
+        Metric("joint velocity error", _sub("A", "q̇"), f"{outcome.A_qd:.3f}", "rad/s"),
+        Metric("joint acceleration error", _sub("A", "q̈"), f"{outcome.A_qdd:.2f}", "rad/s²"),
+        Metric("root position error", _sub("A", "p"), f"{outcome.A_p:.4f}", "m"),
+        Metric("root orientation error", _sub("A", "θ"), f"{outcome.A_theta:.4f}", "rad"),
+        Metric("largest drop below the reference", Markup(), f"{drop:.3f}", "m", f"{HEIGHT_DROP}"),
+        Metric(
+            *("largest lean from the reference", Markup(), f"{np.rad2deg(lean):.1f}", "°"),
+            limit=f"{np.rad2deg(LEAN):.0f}",
+        ),
+        Metric(
+            *("ground force on other links", Markup(), f"{execution.other_force.max():.1f}", "N"),
+            limit=f"{TOUCH_FORCE:g}",
+        ),
+        Metric("largest torque, share of its limit", Markup(), f"{100 * share:.0f}", "%", "100"),
+        Metric(
+            *("torque samples at the limit", Markup(), f"{100 * outcome.torque_saturation:.2f}"),
+            unit="%",
+        ),
+        Metric(
+            *("friction margin, least", Markup()),
+            *(f"{outcome.friction_margin:.3f}", f"of {friction:g}", "0"),
+        ),
+        Metric("work of the joints", Markup(), f"{outcome.energy_j:.0f}", "J"),
+    ]
+
+
+def _sub(symbol: str, index: str) -> Markup:
+    return Markup("{}<sub>{}</sub>").format(symbol, index)
+
+
+def _div(figure: go.Figure, name: str) -> Markup:
+    config: dict[str, Any] = {"displayModeBar": False, "responsive": True}
+    html = figure.to_html(
+        include_plotlyjs=False, full_html=False, div_id=name, config=config, validate=False
+    )
+    return Markup(html)
+
+
+@functools.cache
+def _plotly_js() -> Markup:
+    return Markup(get_plotlyjs())
