@@ -54,6 +54,7 @@ def test_wrench_is_the_base_wrench_of_inverse_dynamics(trajectory) -> None:
     data = ROBOT.model.createData()
     for t in range(len(x)):
         tau = pin.rnea(ROBOT.model, data, at.q[t], at.v[t], at.a[t])
+        pin.forwardKinematics(ROBOT.model, data, at.q[t])
         base = data.oMi[1].act(pin.Force(tau[:6]))
         np.testing.assert_allclose(wrench[t], np.r_[base.angular, base.linear], atol=1e-8)
 
@@ -70,7 +71,7 @@ def test_angular_momentum_rate_by_finite_differences(trajectory) -> None:
             momenta.append(pin.computeCentroidalMomentum(ROBOT.model, data, at.q[0], at.v[0]).np)
         rate = (momenta[1] - momenta[0]) / (2 * h)
         com = pin.centerOfMass(ROBOT.model, data, centroidal.tangent(x, xd, xdd).q[t])
-        force = rate[:3] + [0.0, 0.0, ROBOT.mass * centroidal.GRAVITY]
+        force = rate[:3] + np.array([0.0, 0.0, ROBOT.mass * centroidal.GRAVITY])
         np.testing.assert_allclose(samples.wrench[t, 3:], force, atol=2e-5)
         np.testing.assert_allclose(
             samples.wrench[t, :3], np.cross(com, force) + rate[3:], atol=2e-5
