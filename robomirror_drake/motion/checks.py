@@ -78,9 +78,12 @@ def checked_motion(
         raise MotionFileError(path, f"{fps:.4g} frames per second; expected "
                               f"{FPS_RANGE[0]:g} to {FPS_RANGE[1]:g}")  # fmt: skip
     duration = (len(positions) - 1) / fps
-    if duration < MIN_DURATION:
-        raise MotionFileError(path, f"{len(positions)} frames at {fps:.4g} fps last "
-                              f"{max(duration, 0.0):.2f} s; at least {MIN_DURATION} s are needed")  # fmt: skip
+    if duration < MIN_DURATION - 0.5 / fps:
+        raise MotionFileError(
+            path,
+            f"{len(positions)} frames at {fps:.4g} fps last {max(duration, 0.0):.2f} s; "
+            f"at least {MIN_DURATION} s are needed",
+        )
     if not np.isfinite(positions).all():
         frame = int(np.argwhere(~np.isfinite(positions))[0, 0])
         raise MotionFileError(path, f"frame {frame} holds NaN or infinity")
@@ -88,8 +91,11 @@ def checked_motion(
         raise MotionFileError(path, f"positions reach {np.abs(positions).max():.3g} m")
     height = stature(positions)
     if not STATURE_RANGE[0] <= height <= STATURE_RANGE[1]:
-        raise MotionFileError(path, f"the person is {height:.3g} m tall; "
-                              "are the positions in metres, and the joints those of HumanML3D?")  # fmt: skip
+        raise MotionFileError(
+            path,
+            f"the person is {height:.3g} m tall; are the positions in metres, "
+            "and the joints those of HumanML3D?",
+        )
     _check_skeleton(path, positions)
     speed = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1) * fps
     if speed.max() > _MAX_SPEED:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
 from robomirror_drake.messages import Array, BoolArray, HumanMotion
@@ -55,7 +56,8 @@ def foot_contacts(motion: HumanMotion) -> BoolArray:
     cost[np.ix_(~flight_possible, airborne)] += _FALSE_FLIGHT
     switch = _SWITCH * (_STATES[:, None] != _STATES[None]).sum(axis=(2, 3))
     switch[np.ix_(~airborne, airborne)] += _TAKEOFF
-    return _STATES[_cheapest_path(cost * dt, switch)]
+    contact: BoolArray = _STATES[_cheapest_path(cost * dt, switch)]
+    return contact
 
 
 def pelvis_acceleration(motion: HumanMotion) -> Array:
@@ -69,8 +71,8 @@ def _smooth(x: Array, dt: float, sigma: float) -> Array:
     return np.asarray(gaussian_filter1d(x, sigma / dt, axis=0, mode="nearest"))
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _cheapest_path(cost: Array, switch: Array) -> Array:
+@numba.njit(cache=True)
+def _cheapest_path(cost: Array, switch: Array) -> npt.NDArray[np.int64]:
     """(T,) states that minimise the sum of cost (T, S) and of switch (S, S) between them."""
     frames, states = cost.shape
     best = cost[0].copy()

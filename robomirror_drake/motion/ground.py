@@ -35,7 +35,8 @@ def clearance(positions: Array) -> Array:
     Measured at the joints less their height in flat stance, so a flat foot on the
     floor reads 0 at both ends. Feet are (left, right), ends are (heel, toe).
     """
-    return positions[:, FEET, 2] - np.array([ANKLE_HEIGHT, TOE_HEIGHT])
+    heights: Array = positions[:, FEET, 2] - np.array([ANKLE_HEIGHT, TOE_HEIGHT])
+    return heights
 
 
 def ground(positions: Array) -> Array:
@@ -51,7 +52,8 @@ def ground(positions: Array) -> Array:
     speed = np.linalg.norm(np.gradient(feet, axis=0), axis=2)[np.arange(len(feet)), end]
     low = lowest <= np.percentile(lowest, 5) + _STANCE_BAND
     stance = low & (speed <= np.median(speed[low]))
-    return positions - np.array([0.0, 0.0, np.median(lowest[stance])])
+    shifted: Array = positions - np.array([0.0, 0.0, np.median(lowest[stance])])
+    return shifted
 
 
 def z_up(positions: Array, up: str) -> Array:
@@ -71,7 +73,8 @@ def heading(positions: Array) -> Array:
     across = positions[:, [INDEX["left_hip"], INDEX["left_shoulder"]]].sum(axis=1) - positions[
         :, [INDEX["right_hip"], INDEX["right_shoulder"]]
     ].sum(axis=1)
-    return np.arctan2(-across[:, 0], across[:, 1])
+    yaw: Array = np.arctan2(-across[:, 0], across[:, 1])
+    return yaw
 
 
 def face_forward(motion: HumanMotion) -> HumanMotion:

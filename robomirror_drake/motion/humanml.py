@@ -1,0 +1,93 @@
+"""HumanML3D ``.npy`` files as human motions: joint positions or the 263 features.
+
+Source: C. Guo et al., "Generating Diverse and Natural 3D Human Motions from Text",
+CVPR 2022; layout of the features as in its ``motion_representation``:
+root yaw rate 0, root velocity x z 1:3, root height 3, joint positions 4:67,
+joint rotations 67:193, joint velocities 193:259, foot contacts 259:263.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from robomirror_drake.exceptions import MotionFileError
+from robomirror_drake.messages import Array, HumanMotion
+from robomirror_drake.motion.checks import checked_motion, existing_file
+from robomirror_drake.motion.ground import z_up
+
+FPS = 20.0
+"""Frame rate of every HumanML3D motion [1/s]."""
+FEATURES = 263
+
+
+def load_humanml(path: Path | str) -> HumanMotion:
+    """A ``.npy`` with positions (T, 22, 3) or features (T, 263), y up, 20 fps.
+
+    Features must be denormalised, that is multiplied by Std and added to Mean.
+
+    Raises:
+        MotionFileError: Missing, malformed, of another shape, or no human's.
+    """
+    data = _load_array(path)
+    if data.ndim == 2 and data.shape[1] == FEATURES:
+        if len(data) and np.isfinite(data[:, 3]).all() and np.median(data[:, 3]) < 0.0:
+            raise MotionFileError(
+                path, "the root is below the floor: these features look normalised; "
+                "multiply them by the data set's Std and add its Mean",
+            )  # fmt: skip
+        positions = recover_from_ric(data)
+    elif data.ndim == 3 and data.shape[1:] == (22, 3):
+        positions = data
+    else:
+        raise MotionFileError(
+            path, f"the array has shape {data.shape}, expected (frames, 22, 3) or (frames, 263)"
+        )
+    return checked_motion(path, z_up(positions, "y"), FPS)
+
+
+def recover_from_ric(features: Array) -> Array:
+    """(T, 22, 3) joint positions [m], y up, of features (T, 263).
+
+    The root's yaw θ (stored as half angle per frame) and ground velocity, the latter in
+    the root's frame, are summed up from 0; the joints are given in that frame as well.
+    With q = (cos θ, 0, sin θ, 0) taking world to root, vectors return by q⁻¹.
+    """
+    half_yaw = np.concatenate([[0.0], np.cumsum(features[:-1, 0])])
+    step = np.zeros((len(features), 3))
+    step[1:, [0, 2]] = features[:-1, 1:3]
+    root = np.cumsum(_yaw_back(step, half_yaw), axis=0)
+    joints = _yaw_back(features[:, 4:67].reshape(-1, 21, 3), half_yaw[:, None])
+    joints = joints + root[:, None]
+    root[:, 1] = features[:, 3]
+    return np.concatenate([root[:, None], joints], axis=1)
+
+
+def _yaw_back(vectors: Array, half_yaw: Array) -> Array:
+    """Vectors (…, 3) rotated by −2·half_yaw about y."""
+    c, s = np.cos(2.0 * half_yaw), np.sin(2.0 * half_yaw)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+
+
+def _load_array(path: Path | str) -> Array:
+    path = existing_file(path)
+    try:
+        # Mapped, so that a header which promises more than the file holds allocates nothing.
+        data = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:  # numpy raises half a dozen types on a damaged file
+        raise MotionFileError(path, f"not a .npy array: {error}") from error
+    if not isinstance(data, np.ndarray):
+        data.close()
+        raise MotionFileError(path, "an archive of arrays, not a .npy array")
+    if data.dtype.kind not in "fiu":
+        raise MotionFileError(path, f"the array holds {data.dtype}, expected numbers")
+    with np.errstate(over="ignore"):
+        numbers = np.array(data, dtype=float)
+    if not np.isfinite(numbers).all():
+        frame = int(np.argwhere(~np.isfinite(numbers))[0, 0]) if numbers.ndim else 0
+        raise MotionFileError(path, f"frame {frame} holds NaN or infinity")
+    if numbers.size and np.abs(numbers).max() > 1e9:
+        raise MotionFileError(path, f"numbers reach {np.abs(numbers).max():.3g}")
+    return numbers
