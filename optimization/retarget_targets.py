@@ -1,0 +1,282 @@
+"""What a human motion asks of a robot's links: scaled keypoints, headings, footholds.
+
+The human's bone directions are kept and the robot's bone lengths put in their
+place, starting from a pelvis whose path is scaled by the ratio of leg lengths.
+What then still slides or floats of the feet in contact is taken out of the
+pelvis' path where it can be, by least squares, and the rest is left to the
+solver, which holds the soles at the footholds found here.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.spatial import ConvexHull
+
+from robomirror_drake.messages import Array, BoolArray, HumanMotion
+from robomirror_drake.motion.ground import ANKLE_HEIGHT, TOE_HEIGHT
+from robomirror_drake.motion.skeleton import INDEX
+from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.kinematics import body_poses, body_point, make_tree
+from robomirror_drake.robot import FEET, Robot
+
+RATE = 60.0
+"""Samples per second of a reference."""
+
+DIRECTIONS = ("pelvis up", "pelvis left", "chest up", "chest left", "left foot", "right foot")
+"""Directions that are asked for beside the keypoints; of the feet, their left."""
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class Proportions(NamedTuple):
+    """The robot's measures that stand in for the human's.
+
+    Attributes:
+        keypoints: Names, in the order of the arrays.
+        trunk: (P, 3) keypoints of pelvis and chest in the frame of their body [m].
+        waist: (3,) origin of the chest's body in the pelvis' frame, joints at zero [m].
+        thigh, shin, upper_arm, forearm: Bone lengths [m].
+        ankle: Height of the ankle above a flat sole [m].
+        toe: (3,) toe keypoint in the ankle's frame [m].
+        corners: (2, 4, 3) sole corners from the ankle keypoints, in the frame of the foot [m].
+    """
+
+    keypoints: tuple[str, ...]
+    trunk: dict[str, Array]
+    waist: Array
+    thigh: float
+    shin: float
+    upper_arm: float
+    forearm: float
+    ankle: float
+    toe: Array
+    corners: Array
+
+
+class Targets(NamedTuple):
+    """A human motion in the robot's proportions, T samples at 60 Hz.
+
+    Attributes:
+        time: (T,) [s].
+        keypoints: (T, P, 3) where the keypoints should be [m].
+        directions: (T, D, 3) where the :data:`DIRECTIONS` should point.
+        pelvis: (T, 3, 3) orientation of the human pelvis.
+        contact: (T, 2, 4) which sole corners stand.
+        anchor: (T, 2, 4, 3) where they stand; fixed in each phase of contact [m].
+        support: (T, M, 3) support polygon as half planes (n_x, n_y, b), padded with zeros.
+    """
+
+    time: Array
+    keypoints: Array
+    directions: Array
+    pelvis: Array
+    contact: BoolArray
+    anchor: Array
+    support: Array
+
+
+def proportions(robot: Robot) -> Proportions:
+    """Measures the robot with all joints at zero."""
+    spec, tree = robot.spec, make_tree(robot)
+    R, p = body_poses(tree, np.eye(3)[None], np.zeros((1, robot.model.nv)))
+    bodies = {name: body_point(robot, key.link, key.point) for name, key in spec.keypoints.items()}
+    at = {name: p[0, b] + R[0, b] @ local for name, (b, local) in bodies.items()}
+    chest = bodies["neck"][0]
+
+    def bone(a: str, b: str) -> float:
+        return float(np.linalg.norm(at[f"left_{a}"] - at[f"left_{b}"]))
+
+    trunk = ("pelvis", "left_hip", "right_hip", "neck", "left_shoulder", "right_shoulder")
+    feet = [spec.feet[foot] for foot in FEET]
+    soles = [[body_point(robot, foot.link, c)[1] for c in foot.corners] for foot in feet]
+    ankles = [bodies[f"{foot}_ankle"][1] for foot in FEET]
+    corners = np.array(soles) - np.array(ankles)[:, None]
+    return Proportions(
+        keypoints=tuple(spec.keypoints),
+        trunk={name: bodies[name][1] for name in trunk},
+        waist=p[0, chest] - p[0, 0],
+        thigh=bone("hip", "knee"),
+        shin=bone("knee", "ankle"),
+        upper_arm=bone("shoulder", "elbow"),
+        forearm=bone("elbow", "wrist"),
+        ankle=-float(corners[0, 0, 2]),
+        toe=bodies["left_foot"][1] - bodies["left_ankle"][1],
+        corners=corners,
+    )
+
+
+def make_targets(
+    body: Proportions, motion: HumanMotion, contacts: BoolArray, margin: float
+) -> Targets:
+    """Scales a human motion to a robot.
+
+    Args:
+        body: The robot's measures.
+        motion: The human motion.
+        contacts: (T_h, 2, 2) contact of (left, right) × (heel, toe) in the motion's frames.
+        margin: How far inside the support polygon the centre of mass should stay [m].
+    """
+    samples = int(np.floor(motion.duration * RATE + 1e-6)) + 1
+    time = np.arange(samples) / RATE
+    degree = min(3, len(motion.positions) - 1)
+    human = make_interp_spline(motion.time, motion.positions, k=degree)(time)
+    frame = np.minimum(np.rint(time * motion.fps).astype(int), len(contacts) - 1)
+    ends = np.asarray(contacts)[frame][:, :, [1, 1, 0, 0]]  # toe corners come first
+
+    def at(name: str) -> Array:
+        return np.asarray(human[:, INDEX[name]])
+
+    pelvis = _frame(at("spine1") - at("pelvis"), at("left_hip") - at("right_hip"))
+    across = at("left_shoulder") - at("right_shoulder")
+    chest = _frame(at("neck") - at("spine2"), across)
+    legs = [
+        np.linalg.norm(at(f"{side}_{a}") - at(f"{side}_{b}"), axis=1)
+        for side in FEET
+        for a, b in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    scale = 2.0 * (body.thigh + body.shin) / sum(float(np.median(leg)) for leg in legs)
+
+    key = {"pelvis": at("pelvis") * scale}
+    key["pelvis"][:, 2] += body.ankle - scale * ANKLE_HEIGHT
+    waist = key["pelvis"] + pelvis @ body.waist
+    for name, local in body.trunk.items():
+        on_pelvis = name in ("pelvis", "left_hip", "right_hip")
+        origin, turn = (key["pelvis"], pelvis) if on_pelvis else (waist, chest)
+        key[name] = origin + turn @ local
+    foot_left = []
+    for side in FEET:
+        for start, end, length in (
+            ("hip", "knee", body.thigh),
+            ("knee", "ankle", body.shin),
+            ("shoulder", "elbow", body.upper_arm),
+            ("elbow", "wrist", body.forearm),
+        ):
+            bone = _unit(at(f"{side}_{end}") - at(f"{side}_{start}"))
+            key[f"{side}_{end}"] = key[f"{side}_{start}"] + length * bone
+        foot = _foot_frame(at(f"{side}_knee"), at(f"{side}_ankle"), at(f"{side}_foot"), pelvis)
+        key[f"{side}_foot"] = key[f"{side}_ankle"] + foot @ body.toe
+        foot_left.append(foot[:, :, 1])
+
+    feet = np.stack([[key[f"{side}_ankle"], key[f"{side}_foot"]] for side in FEET])
+    shift = _root_correction(time, feet.transpose(2, 0, 1, 3), ends, body)
+    keypoints = np.stack([key[name] for name in body.keypoints], axis=1) + shift[:, None]
+    moved = feet.transpose(2, 0, 1, 3) + shift[:, None, None]
+    anchor = np.stack([_anchors(moved[:, f], ends[:, f], body, f) for f in (0, 1)], axis=1)
+    return Targets(
+        time=time,
+        keypoints=keypoints,
+        directions=np.stack(
+            [pelvis[:, :, 2], pelvis[:, :, 1], chest[:, :, 2], chest[:, :, 1], *foot_left], axis=1
+        ),
+        pelvis=pelvis,
+        contact=ends,
+        anchor=anchor,
+        support=_support(anchor, ends, margin),
+    )
+
+
+def _unit(x: Array) -> Array:
+    return np.asarray(x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9))
+
+
+def _frame(up: Array, left: Array) -> Array:
+    """(T, 3, 3) rotations whose y is ``left`` and whose z is nearest to ``up``."""
+    y = _unit(left)
+    x = _unit(np.cross(y, up))
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _foot_frame(knee: Array, ankle: Array, toe: Array, pelvis: Array) -> Array:
+    """(T, 3, 3) orientation of a foot: z up and x forward where it stands flat.
+
+    Its left is square to shank and foot, and leans to the pelvis' where the foot is
+    stretched in line with the shank. The sole follows from the toe's height in flat stance.
+    """
+    forward = toe - ankle
+    left = np.cross(knee - ankle, forward) / np.linalg.norm(knee - ankle, axis=1, keepdims=True)
+    left += 0.1 * np.linalg.norm(forward, axis=1, keepdims=True) * pelvis[:, :, 1]
+    f = _unit(forward)
+    y = _unit(left - f * np.sum(left * f, axis=1, keepdims=True))
+    length = float(np.median(np.linalg.norm(forward, axis=1)))
+    droop = np.arcsin(np.clip((ANKLE_HEIGHT - TOE_HEIGHT) / length, -0.9, 0.9))
+    x = np.cos(droop) * f + np.sin(droop) * np.cross(f, y)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _root_correction(time: Array, feet: Array, ends: BoolArray, body: Proportions) -> Array:
+    """(T, 3) smooth shift of the whole body that keeps feet in contact still, at floor height.
+
+    Args:
+        time: (T,) [s].
+        feet: (T, 2, 2, 3) ankle and toe of each foot [m].
+        ends: (T, 2, 4) which sole corners stand.
+        body: The robot's measures.
+    """
+    basis = spline.basis(time, 0.2)
+    # A foot that stands on its toe pivots about it, one on its heel about the ankle.
+    pivot = np.where(ends[:, :, :1], feet[:, :, 1], feet[:, :, 0])
+    velocity = np.gradient(pivot[..., :2], time, axis=0)
+    stands = ends.any(axis=2).astype(float)
+    flat_height = np.where(ends[:, :, 0], body.ankle + body.toe[2], body.ankle)
+    too_low = flat_height - pivot[..., 2]
+
+    def solve(gradient: Array, weight: Array, derivative: int, hold: float, bend: float) -> Array:
+        band = spline.zero_band(basis.points, 1)
+        ones = np.ones((len(time), 1))
+        spline.add_diagonal(band, basis, weight[:, None], derivative)
+        spline.add_diagonal(band, basis, hold * ones)
+        spline.add_diagonal(band, basis, bend * ones, 2)
+        right = spline.spread_gradient(basis, np.ascontiguousarray(gradient), derivative)
+        return spline.evaluate(basis, spline.substitute(spline.factorize(band), right))
+
+    along = -(stands[..., None] * velocity).sum(axis=1)
+    up = (stands * too_low).sum(axis=1)
+    level = solve(along, stands.sum(axis=1), 1, hold=1e-2, bend=1e-4)
+    height = solve(up[:, None], stands.sum(axis=1), 0, hold=1e-2, bend=1e-4)
+    return np.hstack([level, height])
+
+
+def _anchors(foot: Array, stands: BoolArray, body: Proportions, side: int) -> Array:
+    """(T, 4, 3) footholds of one foot's corners, one for each phase of contact.
+
+    Args:
+        foot: (T, 2, 3) ankle and toe [m].
+        stands: (T, 4) which of its corners stand.
+        body: The robot's measures.
+        side: 0 left, 1 right.
+    """
+    anchor = np.zeros((len(foot), 4, 3))
+    for start, stop in phases(stands.any(axis=1)):
+        ankle, toe = foot[start:stop, 0], foot[start:stop, 1]
+        # The heading is best seen where the foot is flat, and of little worth on its toe.
+        weight = np.where(stands[start:stop].all(axis=1), 1.0, 0.05)[:, None]
+        forward = (weight * _unit((toe - ankle)[:, :2])).sum(axis=0)
+        forward /= max(float(np.linalg.norm(forward)), 1e-9)
+        on_toe = stands[start:stop, :1]
+        ankle_xy = np.where(on_toe, toe[:, :2] - body.toe[0] * forward, ankle[:, :2])
+        x, y = (weight * ankle_xy).sum(axis=0) / weight.sum()
+        turn = np.array([[forward[0], -forward[1]], [forward[1], forward[0]]])
+        anchor[start:stop, :, :2] = body.corners[side, :, :2] @ turn.T + [x, y]
+    return anchor
+
+
+def phases(active: BoolArray) -> list[tuple[int, int]]:
+    """Maximal runs of True as (start, stop)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _support(anchor: Array, ends: BoolArray, margin: float) -> Array:
+    """(T, 8, 3) half planes n · x ≤ b of the hull of the standing corners, shrunk by a margin."""
+    support = np.zeros((len(anchor), 8, 3))
+    keys = np.concatenate([anchor[..., :2].reshape(len(anchor), -1), ends.reshape(-1, 8)], axis=1)
+    changes = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0.0, axis=1)) + 1
+    for start, stop in zip([0, *changes], [*changes, len(anchor)], strict=True):
+        corners = anchor[start, ends[start], :2]
+        if len(corners) >= 4:
+            planes = np.unique(ConvexHull(corners).equations.round(9), axis=0)
+            support[start:stop, : len(planes)] = planes * [1, 1, -1] - [0, 0, margin]
+    return support
