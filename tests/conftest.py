@@ -52,6 +52,7 @@ def noisy_execution(make_execution: Callable[..., Execution]) -> Execution:
     n = 121
     sway = 0.02 * rng.standard_normal((n, 30))
     q = _standing(n) + sway
+    q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
     return make_execution(
         n,
         q=q,

@@ -1,0 +1,188 @@
+"""What a playback shows, apart from how it is shown: bodies, their meshes and their motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+
+from robomirror_drake.messages import Array, HumanMotion
+from robomirror_drake.motion.skeleton import INDEX, PARENTS
+from robomirror_drake.results import Result
+from robomirror_drake.robot import Robot, rotation_matrix
+
+FRAMES_PER_SECOND = 30
+BONE_RADIUS = 0.025
+"""[m]"""
+
+HEAD_RADIUS = 0.09
+"""[m]"""
+
+BESIDE = np.array([0.0, 1.2, 0.0])
+"""Where the human stands relative to the robot [m]."""
+
+HUMAN_COLOR = (0.24, 0.47, 0.85, 1.0)
+GHOST_COLOR = (0.35, 0.65, 0.45, 0.30)
+
+Color = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh at a fixed place on a body.
+
+    Attributes:
+        obj: Contents of an OBJ file [m].
+        color: Red, green, blue, opacity, each 0 to 1.
+        pose: (4, 4) pose in the body's frame.
+    """
+
+    obj: str
+    color: Color
+    pose: Array
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body that moves.
+
+    Attributes:
+        path: Its place in the scene tree, as ``human/left_knee``.
+        meshes: What is drawn of it.
+        position: (T, 3) in world [m].
+        quaternion: (T, 4) orientation in world, wxyz.
+    """
+
+    path: str
+    meshes: tuple[Mesh, ...]
+    position: Array
+    quaternion: Array
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Bodies moving together at :data:`FRAMES_PER_SECOND`, and where to look from.
+
+    Attributes:
+        bodies: The bodies.
+        camera: (3,) where the camera is [m].
+        target: (3,) what it looks at [m].
+    """
+
+    bodies: tuple[Body, ...]
+    camera: Array
+    target: Array
+
+
+def build_scene(result: Result, robot: Robot) -> Scene:
+    """The chosen human motion beside the robot executing it, with its reference as a ghost."""
+    execution = result.execution
+    time = np.arange(0.0, execution.time[-1], 1.0 / FRAMES_PER_SECOND)
+    samples = np.minimum(np.searchsorted(execution.time, time), len(execution.time) - 1)
+    bodies = (
+        *human_bodies(result.candidates[result.chosen], time),
+        *robot_bodies(robot, execution.q[samples], "robot"),
+        *robot_bodies(robot, execution.q_ref[samples], "reference", GHOST_COLOR),
+    )
+    path = execution.q[samples, 4:7]
+    middle = 0.5 * (path.min(axis=0) + path.max(axis=0)) + 0.5 * BESIDE
+    target = np.array([middle[0], middle[1], 0.8])
+    distance = 2.0 + 0.7 * float(np.linalg.norm(np.ptp(path[:, :2], axis=0)))
+    return Scene(bodies, target + distance * np.array([0.90, -0.35, 0.30]), target)
+
+
+def robot_bodies(robot: Robot, q: Array, path: str, color: Color | None = None) -> tuple[Body, ...]:
+    """The links of a robot along a trajectory.
+
+    Args:
+        robot: The robot.
+        q: (T, 30) positions, Drake order.
+        path: Where they stand in the scene tree.
+        color: One colour for all links; by default those of the description.
+    """
+    model = robot.model
+    data = model.createData()
+    poses = np.empty((len(q), model.njoints, 7))
+    for frame, q_pin in enumerate(robot.to_pinocchio(q)):
+        pin.forwardKinematics(model, data, pin.normalize(model, q_pin))
+        poses[frame] = [pin.SE3ToXYZQUAT(placement) for placement in data.oMi]
+    visuals = pin.buildGeomFromUrdf(
+        model, str(robot.urdf), pin.GeometryType.VISUAL, package_dirs=[str(robot.urdf.parent)]
+    )
+    meshes: dict[int, list[Mesh]] = {}
+    for visual in visuals.geometryObjects:
+        r, g, b, a = (float(value) for value in visual.meshColor)
+        obj = Path(visual.meshPath).read_text(encoding="utf-8")
+        mesh = Mesh(obj, color or (r, g, b, a), visual.placement.homogeneous)
+        meshes.setdefault(visual.parentJoint, []).append(mesh)
+    return tuple(
+        Body(
+            path=f"{path}/{model.names[joint]}",
+            meshes=tuple(meshes[joint]),
+            position=poses[:, joint, :3],
+            quaternion=poses[:, joint, [6, 3, 4, 5]],
+        )
+        for joint in sorted(meshes)
+    )
+
+
+def human_bodies(motion: HumanMotion, time: Array) -> tuple[Body, ...]:
+    """A human motion as a figure of capsules with a ball for a head, beside the robot.
+
+    Args:
+        motion: The motion; its last frame is held once it is over.
+        time: (T,) when to look at it [s].
+    """
+    at = np.minimum(time * motion.fps, len(motion.positions) - 1)
+    low = np.minimum(at.astype(np.int64), len(motion.positions) - 2)
+    share = (at - low)[:, None, None]
+    joints = (1 - share) * motion.positions[low] + share * motion.positions[low + 1] + BESIDE
+    bodies = []
+    for name, child in INDEX.items():
+        parent = PARENTS[child]
+        if parent < 0:
+            continue
+        bone = joints[:, child] - joints[:, parent]
+        length = np.linalg.norm(bone, axis=1)
+        if length.min() < 0.01:  # two joints in one place make no bone
+            continue
+        direction = bone / length[:, None]
+        bodies.append(
+            Body(
+                path=f"human/{name}",
+                meshes=(_capsule(float(length.mean()), direction[0]),),
+                position=joints[:, parent],
+                quaternion=_rotations(direction[0], direction),
+            )
+        )
+    head = trimesh.creation.icosphere(subdivisions=3, radius=HEAD_RADIUS)
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
+    ball = Mesh(_obj(head), HUMAN_COLOR, np.eye(4))
+    bodies.append(Body("human/skull", (ball,), joints[:, INDEX["head"]], upright))
+    return tuple(bodies)
+
+
+def _capsule(length: float, direction: Array) -> Mesh:
+    """A capsule from the origin along a unit vector."""
+    shape = trimesh.creation.capsule(height=length, radius=BONE_RADIUS, count=[16, 8])
+    R = rotation_matrix(_rotations(np.array([0.0, 0.0, 1.0]), direction[None])[0])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, 0.5 * length * direction
+    return Mesh(_obj(shape), HUMAN_COLOR, pose)
+
+
+def _obj(mesh: trimesh.Trimesh) -> str:
+    return str(mesh.export(file_type="obj", include_normals=True, header=None, digits=5))
+
+
+def _rotations(start: Array, directions: Array) -> Array:
+    """(T, 4) quaternions wxyz of the shortest rotations from one unit vector to others."""
+    w = 1.0 + directions @ start
+    quaternion = np.column_stack([w, np.cross(start, directions)])
+    opposite = w < 1e-9  # any axis across ``start`` turns it around
+    across = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
+    quaternion[opposite] = np.r_[0.0, across]
+    return np.asarray(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))
