@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robomirror_drake.messages import Array, Execution, Outcome
+from robomirror_drake.messages import Array, BoolArray, Execution, Outcome
 
 TOUCH_FORCE: Final = 1.0
 """Ground force on a link from which on it counts as touching [N]."""
@@ -95,21 +95,31 @@ def _up(quaternion: Array) -> Array:
     return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
 
 
+def fallen(q: Array, q_ref: Array, other_force: Array) -> dict[str, BoolArray]:
+    """Which conditions of a fall hold, by name, the first named first.
+
+    Args:
+        q, q_ref: (..., 30) what the robot does and what it was told, Drake order.
+        other_force: (...) norm of the ground force on all links but the feet [N].
+    """
+    return {
+        "contact": np.asarray(other_force > TOUCH_FORCE),
+        "height": np.asarray(q_ref[..., 6] - q[..., 6] > HEIGHT_DROP),
+        "tilt": np.asarray(lean_angle(q[..., :4], q_ref[..., :4]) > LEAN),
+    }
+
+
 def find_fall(execution: Execution) -> Fall | None:
     """The first sample where the definition of this module holds; None if it never does.
 
     Where several conditions are met first at the same sample, the cause is the one
     named first above.
     """
-    conditions = {
-        "contact": execution.other_force > TOUCH_FORCE,
-        "height": execution.q_ref[:, 6] - execution.q[:, 6] > HEIGHT_DROP,
-        "tilt": lean_angle(execution.q[:, :4], execution.q_ref[:, :4]) > LEAN,
-    }
-    fallen = np.logical_or.reduce(list(conditions.values()))
-    if not fallen.any():
+    conditions = fallen(execution.q, execution.q_ref, execution.other_force)
+    down = np.logical_or.reduce(list(conditions.values()))
+    if not down.any():
         return None
-    sample = int(np.argmax(fallen))
+    sample = int(np.argmax(down))
     cause = next(name for name, met in conditions.items() if met[sample])
     return Fall(sample, float(execution.time[sample]), cause)
 

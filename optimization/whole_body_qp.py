@@ -1,0 +1,298 @@
+"""The inverse-dynamics QP: accelerations and contact forces that serve all tasks best.
+
+With the robot's joint accelerations a_j and the contact forces' generators λ,
+
+    min   Σ_k w_k² ‖J_k q̈ + J̇_k v − r̈_k‖² + w_f² ‖W λ − f_plan‖² + ε_a ‖a_j‖² + ε_λ ‖λ‖²
+    s.t.  |τ| ≤ τ_max,   τ = [M q̈ + h − Σ_i J_iᵀ W_i λ]_joints
+          a_min ≤ a_j ≤ a_max                        (joint limits a short time ahead)
+          0 ≤ λ ≤ λ_max                              (friction pyramid, unilateral, ramps)
+
+The six rows of the floating base are not constraints: they are solved for its
+acceleration, which leaves x = (a_j, λ) and dynamics that hold whatever the solver's
+tolerance. Each corner of a sole that may bear load has four generators, the edges of a
+pyramid inside the friction cone. See Wensing & Orin, "Generation of dynamic humanoid
+behaviors through task-space control with conic optimization", ICRA 2013; Herzog et
+al., "Momentum control with hierarchical inverse dynamics", Autonomous Robots 2016.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import qpsolvers
+from pydantic import BaseModel, ConfigDict, Field
+
+from robomirror_drake.messages import Array
+from robomirror_drake.optimization.dynamics_terms import ControlModel, DynamicsTerms, TaskMotion
+from robomirror_drake.optimization.whole_body_kernels import (
+    contact_generators,
+    cost,
+    eliminate_base,
+    joint_bounds,
+    task_rows,
+)
+
+Solver = Literal["daqp", "osqp", "proxqp", "quadprog", "piqp"]
+
+
+class _Options(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class TaskGains(_Options):
+    """One task: its acceleration is ``r̈ + stiffness (r − x) + damping (ṙ − ẋ)``."""
+
+    weight: float = Field(ge=0.0, description="w in (w · residual)²")
+    stiffness: float = Field(ge=0.0, description="[1/s²]")
+    damping: float = Field(ge=0.0, description="[1/s]")
+
+
+class PostureWeights(_Options):
+    """Weights of the joints' own tracking, w in (w · residual)²."""
+
+    leg: float = Field(0.3, ge=0.0)
+    waist: float = Field(0.5, ge=0.0)
+    arm: float = Field(1.0, ge=0.0)
+
+
+class WholeBodyOptions(_Options):
+    """Gains and limits of the QP."""
+
+    solver: Solver = "daqp"
+    com_horizontal: TaskGains = TaskGains(weight=10.0, stiffness=25.0, damping=10.0)
+    com_vertical: TaskGains = TaskGains(weight=10.0, stiffness=60.0, damping=14.0)
+    angular_momentum: TaskGains = TaskGains(weight=0.3, stiffness=0.0, damping=8.0)
+    pelvis: TaskGains = TaskGains(weight=4.0, stiffness=100.0, damping=20.0)
+    trunk: TaskGains = TaskGains(weight=3.0, stiffness=100.0, damping=20.0)
+    swing: TaskGains = TaskGains(weight=15.0, stiffness=500.0, damping=45.0)
+    stance: TaskGains = TaskGains(weight=30.0, stiffness=0.0, damping=40.0)
+    posture: PostureWeights = PostureWeights()
+    posture_stiffness: float = Field(100.0, ge=0.0, description="[1/s²]")
+    posture_damping: float = Field(20.0, ge=0.0, description="[1/s]")
+    planned_force: float = Field(0.002, ge=0.0, description="weight of the planned wrench [1/N]")
+    acceleration_cost: float = Field(1e-3, gt=0.0, description="ε_a [(s²/rad)²]")
+    force_cost: float = Field(2e-6, gt=0.0, description="ε_λ [1/N²]")
+    friction: float = Field(0.6, gt=0.0, description="µ that the forces keep to")
+    corner_force: float = Field(1000.0, gt=0.0, description="most normal force of a corner [N]")
+    contact_ramp: float = Field(0.03, gt=0.0, description="time to take up the load [s]")
+    limit_horizon: float = Field(0.06, gt=0.0, description="look-ahead of the joint limits [s]")
+    acceleration_limit: float = Field(1000.0, gt=0.0, description="[rad/s²]")
+
+
+class QP(NamedTuple):
+    """``min ½ xᵀPx + qᵀx  s.t.  Gx ≤ h, lb ≤ x ≤ ub`` over x = (a_j, λ), and the way back.
+
+    Attributes:
+        P, q, G, h, lb, ub: As above; G stacks the upper and the lower torque limits.
+        N, n: (29, x), (29,) the generalised accelerations are N x + n.
+        S, s: (23, x), (23,) the joint torques are S x + s.
+        W: (2, 6, g) wrench of each generator at 1 about each sole's centre, [force, moment].
+    """
+
+    P: Array
+    q: Array
+    G: Array
+    h: Array
+    lb: Array
+    ub: Array
+    N: Array
+    n: Array
+    S: Array
+    s: Array
+    W: Array
+
+
+class Targets(NamedTuple):
+    """What the QP is asked for.
+
+    Attributes:
+        motion: The reference's task motion, shifted to where the robot's feet are.
+        q, v, a: (23,) the reference's joint positions, velocities, accelerations.
+        load: (2, 4) share of its full force that each corner may bear, 0 without contact.
+        force: (2, 6) planned wrench about each sole's centre, [force, moment], world axes.
+        planned: Whether ``force`` means something.
+        anchor_p: (2, 3) where the soles stand [m].
+        anchor_R: (2, 3, 3) how they stand.
+    """
+
+    motion: TaskMotion
+    q: Array
+    v: Array
+    a: Array
+    load: Array
+    force: Array
+    planned: bool
+    anchor_p: Array
+    anchor_R: Array
+
+
+class Solution(NamedTuple):
+    """What the QP gives.
+
+    Attributes:
+        found: Whether the solver found a finite optimum.
+        x: The optimum (a_j, λ); zeros if there is none.
+        problem: The QP.
+    """
+
+    found: bool
+    x: Array
+    problem: QP
+
+
+class Tuning(NamedTuple):
+    """Options as the compiled code wants them.
+
+    Attributes:
+        options: What it was made of.
+        gains: (7, 3) weight, stiffness, damping of the tasks in the kernels' order.
+        posture: (23,) weight of each joint's own tracking.
+    """
+
+    options: WholeBodyOptions
+    gains: Array
+    posture: Array
+
+
+def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
+    """The tuning of a robot."""
+    tasks = (
+        options.com_horizontal,
+        options.com_vertical,
+        options.angular_momentum,
+        options.pelvis,
+        options.trunk,
+        options.swing,
+        options.stance,
+    )
+    gains = np.array([[task.weight, task.stiffness, task.damping] for task in tasks])
+    weights = options.posture.model_dump()
+    return Tuning(options, gains, np.array([weights[limb] for limb in robot.limbs]))
+
+
+def build_qp(robot: ControlModel, terms: DynamicsTerms, targets: Targets, tuned: Tuning) -> QP:
+    """The QP at a state.
+
+    Args:
+        robot: The model.
+        terms: Its dynamics at the state.
+        targets: What is asked for.
+        tuned: Weights and gains.
+    """
+    options, motion, wanted = tuned.options, terms.motion, targets.motion
+    W, cap = contact_generators(
+        motion.R[2:], robot.corners, targets.load, options.friction, options.corner_force
+    )
+    N, n, S, s = eliminate_base(terms.M, terms.h, terms.J[2:], W)
+    T, t, w = task_rows(
+        tuned.gains,
+        terms.momentum,
+        terms.J,
+        robot.mass,
+        *motion,
+        *wanted,
+        robot.corners,
+        targets.load,
+        targets.anchor_p,
+        targets.anchor_R,
+    )
+    posture = (
+        targets.a
+        + options.posture_stiffness * (targets.q - terms.joints)
+        + options.posture_damping * (targets.v - terms.rates)
+    )
+    P, q = cost(
+        T,
+        t,
+        w,
+        N,
+        n,
+        tuned.posture,
+        posture,
+        W,
+        targets.force,
+        options.planned_force if targets.planned else 0.0,
+        options.acceleration_cost,
+        options.force_cost,
+    )
+    low, high = joint_bounds(
+        terms.joints,
+        terms.rates,
+        robot.lower,
+        robot.upper,
+        options.limit_horizon,
+        options.acceleration_limit,
+    )
+    return QP(
+        P=P,
+        q=q,
+        G=np.concatenate([S, -S]),
+        h=np.concatenate([robot.effort - s, robot.effort + s]),
+        lb=np.concatenate([low, np.zeros_like(cap)]),
+        ub=np.concatenate([high, cap]),
+        N=N,
+        n=n,
+        S=S,
+        s=s,
+        W=W,
+    )
+
+
+_TOLERANCES: dict[str, dict[str, Any]] = {
+    "daqp": {"primal_tol": 1e-7, "iter_limit": 500},
+    "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "max_iter": 4000},
+    "proxqp": {"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 1000},
+    "quadprog": {},
+    "piqp": {"eps_abs": 1e-7, "eps_rel": 1e-8},
+}
+
+
+def solve_qp(qp: QP, solver: Solver) -> Solution:
+    """Solves the QP; no solver is warm-started, so the answer depends on the QP alone.
+
+    An infeasible problem, one that is not finite, and a solver that gives up all give
+    ``found = False``; nothing is raised.
+    """
+    nothing = Solution(False, np.zeros_like(qp.q), qp)
+    if not (np.isfinite(qp.q).all() and np.isfinite(qp.h).all() and np.isfinite(qp.P).all()):
+        return nothing
+    problem = qpsolvers.Problem(qp.P, qp.q, qp.G, qp.h, None, None, qp.lb, qp.ub)
+    try:
+        solution = qpsolvers.solve_problem(problem, solver, **_TOLERANCES[solver])
+    except (ValueError, ArithmeticError, qpsolvers.SolverError):
+        return nothing
+    if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
+        return nothing
+    return Solution(True, solution.x, qp)
+
+
+def torque_from(solution: Solution) -> Array:
+    """(23,) joint torques of a solution [N·m]."""
+    return solution.problem.S @ solution.x + solution.problem.s
+
+
+def acceleration_from(solution: Solution) -> Array:
+    """(29,) generalised accelerations of a solution, Pinocchio's order."""
+    return solution.problem.N @ solution.x + solution.problem.n
+
+
+def foot_wrench_from(solution: Solution) -> Array:
+    """(2, 6) wrench on each foot about its sole's centre, [force, moment], world axes."""
+    return np.asarray(solution.problem.W @ solution.x[-solution.problem.W.shape[2] :])
+
+
+def solution_quality(solution: Solution, robot: ControlModel, friction: float) -> Array:
+    """How far a solution is from its limits.
+
+    Returns:
+        (3,) least friction margin µ − |f_t| / f_n of the loaded feet, share of joints at
+        their torque limit, largest violation of a constraint in its own units.
+    """
+    qp, x = solution.problem, solution.x
+    force = foot_wrench_from(solution)[:, :3]
+    tangential, normal = np.hypot(force[:, 0], force[:, 1]), np.maximum(force[:, 2], 1.0)
+    torque = np.abs(qp.S @ x + qp.s)
+    outside = max((torque - robot.effort).max(), (qp.lb - x).max(), (x - qp.ub).max(), 0.0)
+    slip = (tangential / normal)[force[:, 2] > 1.0].max(initial=0.0)
+    return np.array([friction - slip, np.mean(torque >= 0.999 * robot.effort), outside])

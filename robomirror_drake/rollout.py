@@ -1,0 +1,109 @@
+"""One reference in, what the robot does with it in physics out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.primitives import ConstantValueSource
+
+from robomirror_drake.messages import Execution, RobotReference
+from robomirror_drake.robot import Robot
+from robomirror_drake.simulation import (
+    ExecutionSystems,
+    SimulationOptions,
+    build_execution,
+    stop_after_fall,
+)
+
+Progress = Callable[[float, float], None]
+"""Called with the time simulated and the time to simulate [s]."""
+
+
+def rollout(
+    robot: Robot,
+    reference: RobotReference,
+    options: SimulationOptions | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Execution:
+    """Executes a reference and then holds its last pose.
+
+    Args:
+        robot: The robot.
+        reference: What it shall do; it starts in the reference's first state.
+        options: Options of the physics.
+        seed: Carried into the result.
+        progress: Called after each tenth of a second.
+
+    Returns:
+        The execution, which ends shortly after a fall if there is one.
+    """
+    options = options or SimulationOptions()
+    builder = DiagramBuilder()
+    systems = build_execution(builder, robot, options)
+    source = builder.AddNamedSystem("reference", ConstantValueSource(Value[object](reference)))
+    builder.Connect(source.get_output_port(), systems.reference_port)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    set_initial_state(systems, context, reference)
+    run(simulator, systems, reference.duration + options.hold, options, progress)
+    return execution(systems, context, reference, seed)
+
+
+def set_initial_state(
+    systems: ExecutionSystems, context: Context, reference: RobotReference
+) -> None:
+    """Puts the plant into the reference's first state."""
+    plant = systems.plant
+    own = plant.GetMyMutableContextFromRoot(context)
+    plant.SetPositions(own, systems.instance, reference.q[0])
+    plant.SetVelocities(own, systems.instance, reference.v[0])
+
+
+def run(
+    simulator: Simulator,
+    systems: ExecutionSystems,
+    end: float,
+    options: SimulationOptions,
+    progress: Progress | None = None,
+) -> None:
+    """Simulates up to ``end``, or until shortly after a fall."""
+    simulator.set_monitor(stop_after_fall(systems, options))
+    simulator.Initialize()
+    for stop in np.append(np.arange(0.1, end, 0.1), end):
+        status = simulator.AdvanceTo(float(stop))
+        if progress is not None:
+            progress(simulator.get_context().get_time(), end)
+        if status.reason() == status.ReturnReason.kReachedTerminationCondition:
+            break
+
+
+def execution(
+    systems: ExecutionSystems, context: Context, reference: RobotReference, seed: int = 0
+) -> Execution:
+    """The execution that the log in a Context holds."""
+    log = systems.log.FindLog(context)
+    time = log.sample_times()
+    sample = systems.recorder.split(log.data().T)
+    row = np.searchsorted(reference.time, time + 1e-9, side="right") - 1
+    return Execution(
+        time=time,
+        q=sample.q,
+        v=sample.v,
+        q_ref=sample.q_ref,
+        v_ref=sample.v_ref,
+        torque=sample.torque,
+        foot_force=sample.foot_force,
+        other_force=sample.other_force,
+        contact_ref=reference.contact[np.clip(row, 0, None)],
+        qp_status=sample.qp_failures,
+        text=reference.text,
+        source=reference.source,
+        seed=seed,
+        motion_end=reference.duration,
+    )

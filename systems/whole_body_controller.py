@@ -1,0 +1,207 @@
+"""Whole-body controller: the reference and the robot's state in, joint torques out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    ValueProducer,
+)
+
+from robomirror_drake.exceptions import ControllerError
+from robomirror_drake.messages import Array, RobotReference
+from robomirror_drake.optimization.dynamics_terms import control_model, dynamics_terms, task_motion
+from robomirror_drake.optimization.reference_trajectory import (
+    ReferenceTrajectory,
+    reference_trajectory,
+    sample_reference,
+)
+from robomirror_drake.optimization.stance import Stance, initial_stance, update_stance
+from robomirror_drake.optimization.whole_body_qp import (
+    Solution,
+    Targets,
+    WholeBodyOptions,
+    build_qp,
+    solution_quality,
+    solve_qp,
+    torque_from,
+    tuning,
+)
+from robomirror_drake.robot import Robot
+
+DIAGNOSTICS = ("qp_failures", "friction_margin", "torque_saturation", "residual")
+"""Elements of the port ``diagnostics``: control ticks in a row without a solution; least
+µ - |f_t| / f_n that the solution plans; share of joints at their torque limit; largest
+violation of the QP's constraints, in its own units."""
+
+
+class ControllerOptions(BaseModel):
+    """Options of the controller."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    period: float = Field(0.004, gt=0.0, description="of the control loop [s]")
+    start: float = Field(0.0, description="time at which the reference begins [s]")
+    qp: WholeBodyOptions = WholeBodyOptions()
+    patience: int = Field(
+        5, ge=0, description="ticks without a solution for which the last torque is held"
+    )
+    failure_damping: float = Field(10.0, ge=0.0, description="joint damping after that [N·m·s/rad]")
+
+
+class _State(NamedTuple):
+    """The discrete state, unpacked."""
+
+    torque: Array
+    diagnostics: Array
+    stance: Stance
+
+
+class WholeBodyController(LeafSystem):
+    """Follows a reference with an inverse-dynamics QP at a fixed rate.
+
+    Input ports:
+        ``state`` (59): positions and velocities of the plant, Drake order.
+        ``reference`` (abstract): a :class:`RobotReference`, which may be replaced at any
+            time; its time zero is ``options.start``. After its end it is held.
+
+    Output ports:
+        ``torque`` (23): joint torques of the last control tick [N·m].
+        ``diagnostics`` (4): see :data:`DIAGNOSTICS`.
+        ``reference_state`` (59): the reference at the Context's time, Drake order.
+
+    All state is discrete state of the Context: torque, diagnostics, stance. Where the QP
+    has no solution, the last torque is held for ``patience`` ticks, then joints are
+    damped; a state that is not finite counts as no solution and gives zero torque.
+    """
+
+    def __init__(self, robot: Robot, options: ControllerOptions | None = None) -> None:
+        super().__init__()
+        self._robot = robot
+        self._options = options or ControllerOptions()
+        self._model = control_model(robot)
+        self._tuning = tuning(self._model, self._options.qp)
+        # Scratch space: every use overwrites what it reads.
+        self._data = self._model.model.createData()
+        self._reference_data = self._model.model.createData()
+
+        nq, nv = robot.model.nq, robot.model.nv
+        joints = nv - 6
+        self._state_port = self.DeclareVectorInputPort("state", nq + nv)
+        self._reference_port = self.DeclareAbstractInputPort("reference", Value[object]())
+        self._trajectory = self.DeclareCacheEntry(
+            description="reference trajectory",
+            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_trajectory),
+            prerequisites_of_calc={self._reference_port.ticket()},
+        )
+        sizes = (joints, len(DIAGNOSTICS), initial_stance().pack().size)
+        self._split = np.cumsum(sizes)[:-1]
+        state = self.DeclareDiscreteState(int(sum(sizes)))
+        prerequisites = {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort("torque", joints, self._calc_torque, prerequisites)
+        self.DeclareVectorOutputPort(
+            "diagnostics", len(DIAGNOSTICS), self._calc_diagnostics, prerequisites
+        )
+        self.DeclareVectorOutputPort(
+            "reference_state",
+            nq + nv,
+            self._calc_reference_state,
+            {self._reference_port.ticket(), self.time_ticket()},
+        )
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._options.period, 0.0, self._update)
+
+    def _calc_trajectory(self, context: Context, value: AbstractValue) -> None:
+        reference = self._reference_port.Eval(context)
+        if not isinstance(reference, RobotReference):
+            raise ControllerError(
+                f"port 'reference' carries {type(reference).__name__}, expected RobotReference"
+            )
+        if reference.q.shape[1] != self._robot.model.nq:
+            raise ControllerError(
+                f"the reference has {reference.q.shape[1]} positions, "
+                f"robot {self._robot.spec.name!r} has {self._robot.model.nq}"
+            )
+        value.set_value(reference_trajectory(self._robot, reference))
+
+    def _trajectory_of(self, context: Context) -> ReferenceTrajectory:
+        trajectory: ReferenceTrajectory = self._trajectory.Eval(context)
+        return trajectory
+
+    def _unpack(self, vector: Array) -> _State:
+        torque, diagnostics, stance = np.split(vector, self._split)
+        return _State(torque, diagnostics, Stance.unpack(stance))
+
+    def _initialize(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        fresh = _State(
+            np.zeros(self._model.effort.size), np.zeros(len(DIAGNOSTICS)), initial_stance()
+        )
+        self._tick(context, fresh, discrete_state)
+        return EventStatus.Succeeded()
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        last = self._unpack(context.get_discrete_state_vector().value())
+        self._tick(context, last, discrete_state)
+        return EventStatus.Succeeded()
+
+    def _tick(self, context: Context, last: _State, discrete_state: DiscreteValues) -> None:
+        state = self._state_port.Eval(context)
+        rates = state[-self._model.effort.size :]
+        if np.isfinite(state).all():
+            solution, stance = self._solve(context, state, last.stance)
+        else:
+            solution, stance, rates = None, last.stance, np.zeros_like(rates)
+        if solution is not None and solution.found:
+            failures, torque = 0.0, torque_from(solution)
+            quality = solution_quality(solution, self._model, self._options.qp.friction)
+        else:
+            failures, quality = last.diagnostics[0] + 1.0, np.array([0.0, 0.0, 0.0])
+            hold = failures <= self._options.patience
+            torque = last.torque if hold else -self._options.failure_damping * rates
+        torque = np.clip(torque, -self._model.effort, self._model.effort)
+        discrete_state.get_mutable_vector().SetFromVector(
+            np.concatenate([torque, [failures], quality, stance.pack()])
+        )
+
+    def _solve(self, context: Context, state: Array, stance: Stance) -> tuple[Solution, Stance]:
+        options, model, nq = self._options, self._model, self._robot.model.nq
+        q = self._robot.to_pinocchio(state[:nq])
+        v = self._robot.v_to_pinocchio(state[:nq], state[nq:])
+        terms = dynamics_terms(model, self._data, q, v)
+        trajectory = self._trajectory_of(context)
+        now = context.get_time() - options.start
+        wanted = sample_reference(trajectory, now, options.qp.contact_ramp)
+        motion = task_motion(model, self._reference_data, wanted.q, wanted.v, wanted.a)
+        stance = update_stance(stance, terms.motion, motion, wanted.load, options.period)
+        targets = Targets(
+            motion=stance.shift(motion),
+            q=wanted.q[7:],
+            v=wanted.v[6:],
+            a=wanted.a[6:],
+            load=wanted.load,
+            force=wanted.force,
+            planned=trajectory.planned,
+            anchor_p=stance.anchor_p,
+            anchor_R=stance.anchor_R,
+        )
+        return solve_qp(build_qp(model, terms, targets, self._tuning), options.qp.solver), stance
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._unpack(context.get_discrete_state_vector().value()).torque)
+
+    def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._unpack(context.get_discrete_state_vector().value()).diagnostics)
+
+    def _calc_reference_state(self, context: Context, output: BasicVector) -> None:
+        now = context.get_time() - self._options.start
+        wanted = sample_reference(self._trajectory_of(context), now, self._options.qp.contact_ramp)
+        q = self._robot.to_drake(wanted.q)
+        output.SetFromVector(np.concatenate([q, self._robot.v_to_drake(q, wanted.v)]))
