@@ -6,10 +6,10 @@ import asyncio
 import functools
 import queue
 import threading
+from typing import Any
 
 import meshcat
 import numpy as np
-import tornado.web
 from meshcat.animation import Animation, AnimationClip, AnimationTrack
 from meshcat.geometry import MeshGeometry, MeshPhongMaterial
 from meshcat.path import Path as TreePath
@@ -114,9 +114,9 @@ def _clip(body: Body) -> AnimationClip:
 class _LocalBridge(ZMQWebSocketBridge):
     """The viewer's server; by itself it would listen on every network interface."""
 
-    def make_app(self) -> tornado.web.Application:
-        app: tornado.web.Application = super().make_app()
-        app.listen = functools.partial(app.listen, address=self.host)  # type: ignore[method-assign]
+    def make_app(self) -> Any:
+        app = super().make_app()
+        app.listen = functools.partial(app.listen, address=self.host)
         return app
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -92,6 +95,26 @@ def test_library_imports_no_pydrake_all_and_no_bare_root_folder() -> None:
         if imported in bare or imported.split(".")[0] in bare
     ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_every_import_is_declared() -> None:
+    """What the package imports comes with Python or is named in pyproject.toml."""
+
+    def canonical(name: str) -> str:
+        return re.sub(r"[-_.]+", "-", re.split(r"[<>=!~;\[ ]", name)[0]).lower()
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = project["dependencies"] + project["optional-dependencies"]["bench"]
+    declared = {canonical(name) for name in wanted}
+    providers = {**packages_distributions(), "pinocchio": ["pin"]}  # installed beside the path
+    missing = set()
+    for name, path in _modules().items():
+        for top in {imported.split(".")[0] for imported in _imported(path)}:
+            if top in sys.stdlib_module_names or top == "robomirror_drake":
+                continue
+            if not declared & {canonical(d) for d in providers.get(top, [])}:
+                missing.add(f"{name} imports {top}")
+    assert not missing, "\n".join(sorted(missing))
 
 
 @pytest.mark.parametrize("name", ["systems", "optimization", "assets"])
