@@ -1,0 +1,90 @@
+"""From a command to candidate human motions (the paper's f: text -> H_r)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from robomirror_drake.exceptions import InputError
+from robomirror_drake.messages import HumanMotion
+from robomirror_drake.motion.compose import compose
+from robomirror_drake.motion.cue import Style
+from robomirror_drake.motion.text import Clause, parse
+
+MAX_CANDIDATES = 256
+
+
+class GeneratorOptions(BaseModel):
+    """How candidates are made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    fps: float = Field(60.0, ge=20.0, le=240.0, description="Frames per second of the motions.")
+    diversity: float = Field(
+        1.0, ge=0.0, le=1.0, description="Spread of the style parameters, 0 for none at all."
+    )
+
+
+def generate(
+    text: str, n: int, seed: int = 0, options: GeneratorOptions | None = None
+) -> tuple[HumanMotion, ...]:
+    """Candidate human motions for a command: the same text and seed give the same bytes.
+
+    Candidate 0 is in nominal style; each other one has a style drawn for (seed, its index),
+    so it does not depend on how many are asked for.
+
+    Args:
+        text: The command, in English.
+        n: How many candidates, 1 to 256.
+        seed: Seed of the styles, not negative.
+        options: Rate and spread; the defaults where None.
+
+    Raises:
+        InputError: The text, n or the seed cannot be used.
+        UnknownCommandError: The text names no known action.
+    """
+    if not 1 <= n <= MAX_CANDIDATES:
+        raise InputError(f"{n} candidates asked for; give 1 to {MAX_CANDIDATES}")
+    if seed < 0:
+        raise InputError(f"the seed is {seed}; give a number that is not negative")
+    options = options or GeneratorOptions()
+    clauses = parse(text)
+    return tuple(_candidate(text, clauses, k, seed, options) for k in range(n))
+
+
+def _candidate(
+    text: str, clauses: tuple[Clause, ...], index: int, seed: int, options: GeneratorOptions
+) -> HumanMotion:
+    style = draw_style(seed, index, options.diversity)
+    actions = "+".join(clause.action for clause in clauses)
+    return HumanMotion(
+        positions=compose(clauses, style, options.fps),
+        fps=options.fps,
+        text=text,
+        source=f"generator:{actions} seed {seed} candidate {index}",
+        style=asdict(style),
+    )
+
+
+def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
+    """The style of a candidate: nominal for index 0, else drawn for (seed, index)."""
+    nominal = Style()
+    if index == 0 or diversity == 0.0:
+        return nominal
+    rng = np.random.default_rng((seed, index))
+
+    def around(value: float, low: float, high: float) -> float:
+        drawn = rng.uniform(low, high)
+        return float(value + diversity * (drawn - value))
+
+    return Style(
+        tempo=around(nominal.tempo, 0.78, 1.22),
+        amplitude=around(nominal.amplitude, 0.75, 1.25),
+        step_length=around(nominal.step_length, 0.75, 1.15),
+        step_width=around(nominal.step_width, 0.18, 0.26),
+        step_height=around(nominal.step_height, 0.05, 0.10),
+        arms=around(nominal.arms, 0.4, 1.4),
+        mirrored=float(rng.random() < 0.5),
+    )

@@ -1,0 +1,149 @@
+"""Quantities in a clause of English: side, count, speed, size, angle, distance.
+
+Each function reads one quantity from lower-case text and returns None where it says nothing.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from robomirror_drake.exceptions import InputError
+
+_WORDS = (
+    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen "
+    "fifteen sixteen seventeen eighteen nineteen twenty"
+).split()
+_NUMBERS: dict[str, float] = {
+    **{word: float(i) for i, word in enumerate(_WORDS)},
+    "thirty": 30.0, "forty-five": 45.0, "forty": 40.0, "fifty": 50.0, "sixty": 60.0,
+    "ninety": 90.0, "a hundred": 100.0, "a few": 3.0, "several": 3.0, "a couple of": 2.0,
+    "half an": 0.5, "half a": 0.5, "one and a half": 1.5, "a": 1.0, "an": 1.0,
+}  # fmt: skip
+_NUMBER = (
+    r"(?<![\w.])(-?\d+(?:[.,]\d+)?|"
+    + "|".join(sorted(map(re.escape, _NUMBERS), key=len, reverse=True))
+    + r")(?![\w.]*\d)"
+)
+
+_SPEED = re.compile(
+    rf"{_NUMBER}\s*(m/s|meters? (?:per|a) second|metres? (?:per|a) second|km/h|kmh)"
+)
+_ANGLE = re.compile(rf"{_NUMBER}\s*[- ]?(?:degrees?\b|deg\b|°)")
+_DISTANCE = re.compile(rf"{_NUMBER}\s*[- ]?(meters?|metres?|m|centimeters?|centimetres?|cm|feet)\b")
+_TURN_WORDS: tuple[tuple[str, float], ...] = (
+    (r"three[- ]quarter", 270.0),
+    (r"quarter|right angle", 90.0),
+    (r"half[- ](?:a )?turn|around|about[- ]face|turn about|(?:other|opposite) (?:way|direction)"
+     r"|backward", 180.0),
+    (r"full|complete|whole|circle|once round", 360.0),
+)  # fmt: skip
+_COUNT = re.compile(
+    rf"{_NUMBER}[ -](?!(?:of|hands?|arms?|legs?|foot|feet|fists?|knees?|side|moment|while|little|"
+    r"half|quarter)\b(?!-?step))(?:\w+[ -]){0,2}?(?:times|steps?|strides?|paces|reps|repetitions|"
+    r"rounds|\w+s)\b"
+)
+_TIMES = re.compile(r"\b(once|twice|thrice)\b")
+
+_TEMPO: tuple[tuple[str, float], ...] = (
+    (r"very slow\w*|extremely slow\w*", 0.55),
+    (r"slow\w*|cautious\w*|careful\w*|leisurely|calm\w*|gentl[ey]|unhurried\w*", 0.7),
+    (r"very (?:quick|fast|rapid)\w*|as fast as possible", 1.6),
+    (r"quick\w*|fast|rapid\w*|swift\w*|brisk\w*|hurried\w*|energetic\w*", 1.35),
+)
+_AMPLITUDE: tuple[tuple[str, float], ...] = (
+    (r"little while|little bit later", 1.0),
+    (r"(?:very|extremely) (?:high|big|large|wide|long|deep)\w*|huge|as (?:high|far|deep) as", 1.5),
+    (r"high\w*|big|large|wide\w*|long|deep\w*|far|great|tall", 1.3),
+    (r"low|small|short|little|slight\w*|tiny|shallow\w*|light\w*|a bit", 0.7),
+)
+
+MAX_COUNT, MAX_DISTANCE, MAX_SPEED, MAX_ANGLE = 50, 20.0, 1.2, 1080.0
+
+
+def _value(word: str) -> float:
+    return _NUMBERS[word] if word in _NUMBERS else float(word.replace(",", "."))
+
+
+def _within(value: float, low: float, high: float, unit: str, text: str) -> float:
+    if not low <= value <= high:
+        raise InputError(
+            f"{value:g} {unit} in {text!r} is out of range; give {low:g} to {high:g} {unit}"
+        )
+    return value
+
+
+def side_of(text: str) -> str | None:
+    """``left``, ``right`` or ``both``."""
+    if re.search(r"\b(both|two) (?:\w+ )?(?:hands|arms|fists)", text):
+        return "both"
+    found = re.search(r"\b(left|right|counter-?clockwise|anti-?clockwise|clockwise)\b", text)
+    if found is None:
+        return None
+    return {"left": "left", "right": "right", "clockwise": "right"}.get(found[1], "left")
+
+
+def speed_of(text: str) -> float | None:
+    """Speed [m/s] where a number is given."""
+    found = _SPEED.search(text)
+    if found is None:
+        return None
+    factor = 1.0 / 3.6 if found[2].startswith("km") else 1.0
+    return _within(_value(found[1]) * factor, 0.05, MAX_SPEED, "m/s", text)
+
+
+def angle_of(text: str) -> float | None:
+    """Angle [rad], positive."""
+    found = _ANGLE.search(text)
+    if found is not None:
+        return float(np.deg2rad(_within(_value(found[1]), 1.0, MAX_ANGLE, "degrees", text)))
+    for pattern, degrees in _TURN_WORDS:
+        if re.search(rf"\b(?:{pattern})\b", text):
+            return float(np.deg2rad(degrees))
+    return None
+
+
+def distance_of(text: str) -> float | None:
+    """Distance [m], positive."""
+    found = _DISTANCE.search(_SPEED.sub(" ", text))
+    if found is None or (found[2] == "feet" and re.search(rf"\b(?:with|on) {found[0]}", text)):
+        return None
+    unit = {"c": 0.01, "f": 0.3048}.get(found[2][0], 1.0)
+    return _within(_value(found[1]) * unit, 0.05, MAX_DISTANCE, "m", text)
+
+
+def count_of(text: str) -> int | None:
+    """Number of repetitions or steps."""
+    times = _TIMES.search(text)
+    if times is not None:
+        return {"once": 1, "twice": 2, "thrice": 3}[times[1]]
+    for unit in (_SPEED, _ANGLE, _DISTANCE):
+        text = unit.sub(" ", text)
+    found = _COUNT.search(text)
+    if found is None or (found[1] in ("a", "an") and "step" not in found[0]):
+        return None
+    return int(_within(round(_value(found[1])), 1, MAX_COUNT, "repetitions", text))
+
+
+def tempo_of(text: str) -> float:
+    """Factor on the usual tempo; 1 where nothing is said."""
+    return _factor(_TEMPO, text)
+
+
+def amplitude_of(text: str) -> float:
+    """Factor on the usual size; 1 where nothing is said."""
+    return _factor(_AMPLITUDE, text)
+
+
+def _factor(table: tuple[tuple[str, float], ...], text: str) -> float:
+    return next((f for pattern, f in table if re.search(rf"\b(?:{pattern})\b", text)), 1.0)
+
+
+def without_quantities(text: str) -> str:
+    """The text less its numbers with units, counts and tempo, for the comparison of meanings."""
+    for pattern in (_SPEED, _ANGLE, _DISTANCE, _TIMES):
+        text = pattern.sub(" ", text)
+    text = re.sub(rf"{_NUMBER}[ -](?:times|reps|repetitions)\b", " ", text)
+    text = re.sub(r"\b(?:very )?(?:slowly|quickly|rapidly|cautiously|carefully)\b", " ", text)
+    return re.sub(r"\s+", " ", text).strip(" ,")
