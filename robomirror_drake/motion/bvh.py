@@ -11,7 +11,7 @@ from robomirror_drake.messages import Array, HumanMotion
 from robomirror_drake.motion.bvh_names import match_joints, split_name
 from robomirror_drake.motion.bvh_parser import Bvh, Joint, parse_bvh
 from robomirror_drake.motion.checks import checked_motion, read_text, stature
-from robomirror_drake.motion.ground import z_up
+from robomirror_drake.motion.ground import Axis, z_up
 from robomirror_drake.motion.skeleton import INDEX, JOINTS
 
 UNITS: tuple[tuple[str, float], ...] = (
@@ -36,7 +36,7 @@ _END_SITES = {"head": "neck", "left_foot": "left_ankle", "right_foot": "right_an
 
 
 def load_bvh(
-    path: Path | str, *, metres_per_unit: float | None = None, up: str | None = None
+    path: Path | str, *, metres_per_unit: float | None = None, up: Axis | None = None
 ) -> HumanMotion:
     """A BVH file as a human motion: z up, metres, on the floor.
 
@@ -159,9 +159,10 @@ def _guess_unit(path: Path | str, units_tall: float) -> float:
     )  # fmt: skip
 
 
-def _guess_up(positions: Array) -> str | None:
+def _guess_up(positions: Array) -> Axis | None:
     """The axis along which the neck is over the ankles, or None if the body lies."""
     ankles = positions[:, [INDEX["left_ankle"], INDEX["right_ankle"]]].mean(axis=1)
     body = positions[:, INDEX["neck"]] - ankles
     mean = (body / np.maximum(np.linalg.norm(body, axis=1, keepdims=True), 1e-9)).mean(axis=0)
-    return "xyz"[int(mean.argmax())] if mean.max() > _UPRIGHT else None
+    axes: tuple[Axis, ...] = ("x", "y", "z")
+    return axes[int(mean.argmax())] if mean.max() > _UPRIGHT else None

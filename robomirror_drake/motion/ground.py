@@ -9,6 +9,7 @@ at 0, 2 cm lower; its files are lifted here like all others.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -25,8 +26,11 @@ FEET = np.array(
 )
 """(2, 2) joint indices: left and right foot, each ankle then toe."""
 
+Axis = Literal["x", "y", "z"]
+"""Name of a coordinate axis."""
+
 _STANCE_BAND = 0.08  # how far above the lowest frames a foot may still be in stance [m]
-_UP = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+_UP: dict[Axis, tuple[int, int, int]] = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 
 
 def clearance(positions: Array) -> Array:
@@ -56,7 +60,7 @@ def ground(positions: Array) -> Array:
     return shifted
 
 
-def z_up(positions: Array, up: str) -> Array:
+def z_up(positions: Array, up: Axis) -> Array:
     """Positions (…, 3) turned, without mirroring, from the axis ``up`` (x, y or z) to z up.
 
     From y up, (x, y, z) becomes (z, x, y): what faced +z, as HumanML3D does, faces +x.
