@@ -81,7 +81,7 @@ def build_scene(result: Result, robot: Robot) -> Scene:
     """The chosen human motion beside the robot executing it, with its reference as a ghost."""
     execution = result.execution
     time = np.arange(0.0, execution.time[-1], 1.0 / FRAMES_PER_SECOND)
-    samples = np.minimum(np.searchsorted(execution.time, time), len(execution.time) - 1)
+    samples = np.searchsorted(execution.time, time - 1e-9)
     bodies = (
         *human_bodies(result.candidates[result.chosen], time),
         *robot_bodies(robot, execution.q[samples], "robot"),
