@@ -45,9 +45,7 @@ class UnknownCommandError(InputError):
     """
 
     def __init__(self, text: str, nearest: Sequence[str]) -> None:
-        super().__init__(
-            f"no known action in {text!r}; the nearest are: {', '.join(nearest)}"
-        )
+        super().__init__(f"no known action in {text!r}; the nearest are: {', '.join(nearest)}")
         self.text = text
         self.nearest = tuple(nearest)
 
@@ -73,6 +71,19 @@ class RetargetingError(RoboMirrorError):
         self.motion = motion
         self.residuals = dict(residuals)
         self.exceeded = tuple(exceeded)
+
+
+class PlanningError(RoboMirrorError):
+    """A reference cannot be used for a dynamic plan.
+
+    Attributes:
+        figures: What was measured, by name, in SI units.
+    """
+
+    def __init__(self, message: str, figures: Mapping[str, float]) -> None:
+        measured = ", ".join(f"{name} = {value:.4g}" for name, value in figures.items())
+        super().__init__(f"{message}: {measured}" if measured else message)
+        self.figures = dict(figures)
 
 
 class ControllerError(RoboMirrorError):

@@ -1,0 +1,44 @@
+"""Options of dynamic planning."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from robomirror_drake.optimization import centroidal
+from robomirror_drake.optimization.plan_contacts import ConeOptions
+from robomirror_drake.robot import Robot
+
+
+class PlanOptions(BaseModel):
+    """How a dynamic plan is made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    strength: float = Field(
+        1.0, ge=0.0, le=1.0, description="share of the dynamic violation to remove; 0: no plan"
+    )
+    knot_spacing: float = Field(0.1, gt=0.0, le=0.5, description="of the spline's knots [s]")
+    samples_per_knot: int = Field(4, ge=2, le=20, description="samples between two knots")
+    friction: float = Field(0.4, gt=0.0, le=2.0, description="friction coefficient planned with")
+    cop_margin: float = Field(
+        0.025, ge=0.0, le=0.1, description="distance of the centre of pressure from the edge [m]"
+    )
+    max_normal_force: float = Field(3.0, gt=1.0, description="normal force [body weights]")
+    clearance: float = Field(0.03, ge=0.0, le=0.2, description="of soles in mid-swing [m]")
+    min_knee: float = Field(0.3, ge=0.0, le=1.0, description="least planned knee angle [rad]")
+    speed_share: float = Field(0.9, gt=0.0, le=1.0, description="of the joints' speed limits")
+    lead: float = Field(
+        0.8, ge=0.0, le=5.0, description="time added where a reference is cut in mid-motion [s]"
+    )
+    iterations: int = Field(40, ge=1, le=500, description="Gauss-Newton steps at most")
+    anchoring: int = Field(6, ge=0, le=100, description="of them with anchors that follow the feet")
+    tolerance: float = Field(2e-3, gt=0.0, description="violation at which iterations may end")
+
+    def cone(self, robot: Robot) -> ConeOptions:
+        """Limits of the wrench that the ground can give."""
+        return ConeOptions(
+            friction=self.friction,
+            margin=self.cop_margin,
+            max_normal_force=self.max_normal_force,
+            weight=robot.mass * centroidal.GRAVITY,
+        )

@@ -1,0 +1,166 @@
+"""From a kinematic reference to the problem of its dynamic plan."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from robomirror_drake.exceptions import PlanningError
+from robomirror_drake.messages import Array, BoolArray, RobotReference
+from robomirror_drake.optimization import centroidal, spline
+from robomirror_drake.optimization.plan_contacts import (
+    anchors,
+    clearance,
+    loaded_corners,
+    outside,
+    wrench_cones,
+)
+from robomirror_drake.optimization.plan_options import PlanOptions
+from robomirror_drake.optimization.plan_penalty import Rows
+from robomirror_drake.optimization.plan_problem import (
+    Frames,
+    Problem,
+    Weights,
+    rest_at_both_ends,
+)
+from robomirror_drake.optimization.plan_solver import Standing
+from robomirror_drake.robot import Robot
+
+
+class Padded(NamedTuple):
+    """A reference with time to come from rest and to come to rest.
+
+    Attributes:
+        time: (N,) from 0 [s].
+        q: (N, 30) positions with continuous quaternion signs.
+        contact: (N, 2, 4) schedule.
+        kept: Which of the frames are the reference's own.
+    """
+
+    time: Array
+    q: Array
+    contact: BoolArray
+    kept: slice
+
+
+def time_step(reference: RobotReference) -> float:
+    """The reference's constant time step [s].
+
+    Raises:
+        PlanningError: It is too short, or its rate is not constant.
+    """
+    steps = np.diff(reference.time)
+    if np.ptp(steps) > 1e-6:
+        raise PlanningError(
+            "a plan needs a reference at a constant rate",
+            {"shortest_step": float(steps.min()), "longest_step": float(steps.max())},
+        )
+    if reference.duration < 0.2:
+        raise PlanningError(
+            "a plan needs a reference of 0.2 s at least", {"duration": reference.duration}
+        )
+    return float(reference.duration / len(steps))
+
+
+def pad(reference: RobotReference, options: PlanOptions) -> Padded:
+    """Adds standing time at an end where the reference moves or has a foot in the air.
+
+    Raises:
+        PlanningError: See :func:`time_step`.
+    """
+    dt = time_step(reference)
+    q = reference.q.copy()
+    flips = np.sum(q[1:, :4] * q[:-1, :4], axis=1) < 0.0
+    q[1:, :4] *= np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)[:, None]
+    frames = round(options.lead / dt)
+
+    def at_rest(frame: int) -> bool:
+        return bool(np.abs(reference.v[frame]).max() < 0.2 and reference.contact[frame].all())
+
+    def hold(frame: int) -> BoolArray:
+        # A foot that is in the air at the cut stands for most of the added time.
+        contact = np.ones((frames, 2, 4), dtype=np.bool_)
+        contact[: frames // 2][:, ~reference.contact[frame].any(axis=1)] = False
+        return contact
+
+    before = 0 if at_rest(0) else frames
+    after = 0 if at_rest(-1) else frames
+    count = before + len(q) + after
+    return Padded(
+        time=np.arange(count, dtype=np.float64) * dt,
+        q=np.concatenate([q[:1].repeat(before, 0), q, q[-1:].repeat(after, 0)]),
+        contact=np.concatenate(
+            [hold(0)[::-1][:before], reference.contact, hold(-1)[:after]], axis=0
+        ),
+        kept=slice(before, before + len(q)),
+    )
+
+
+def limits(robot: Robot, options: PlanOptions) -> tuple[Array, Array]:
+    """(30,), (30,) bounds of the configuration; the chart of the base has none."""
+    free = np.full(7, np.inf)
+    lower, upper = robot.position_limits
+    knees = np.array(["KNEE" in name for name in robot.joint_names])
+    lower = np.where(knees, np.maximum(lower, options.min_knee), lower)
+    return np.concatenate([-free, lower]), np.concatenate([free, upper])
+
+
+def first_guess(padded: Padded, spacing: float, intervals: int) -> Array:
+    """(K − 4, 30) control points at rest at both ends, nearest to the reference."""
+    free = spline.basis(padded.time, spacing, intervals + 3)
+    return spline.fit(rest_at_both_ends(free), padded.q)
+
+
+def problem(
+    robot: Robot, padded: Padded, spacing: float, intervals: int, options: PlanOptions
+) -> tuple[Problem, Standing]:
+    """The least-squares problem of a plan, and its contacts."""
+    samples = np.arange(intervals * options.samples_per_knot + 1, dtype=np.float64)
+    time = samples * (spacing / options.samples_per_knot)
+    free = spline.basis(time, spacing, intervals + 3)
+    frames = np.clip(time / padded.time[1], 0, len(padded.q) - 1)
+    fitted = spline.fit(spline.basis(padded.time, spacing, intervals + 3), padded.q)
+    target, rate, surge = (spline.evaluate(free, fitted, order) for order in range(3))
+    looked_at = Frames.of(robot)
+    kinematic = centroidal.sample(
+        robot.model, looked_at.links, target, rate, surge, derivatives=False
+    )
+    points = looked_at.points(kinematic.links)
+    contact = padded.contact[np.rint(frames).astype(int)]
+    loaded = loaded_corners(padded.contact, frames, 1.0)
+    placed = anchors(points[:, :8].reshape(-1, 2, 4, 3), contact, robot.sole_corners)
+    cones = wrench_cones(placed, loaded, options.cone(robot))
+    standing = Standing(
+        contact=contact,
+        loaded=loaded,
+        least=clearance(contact, options.clearance, options.samples_per_knot / spacing),
+        cone=options.cone(robot),
+        slack=(1.0 - options.strength) * outside(cones, kinematic.wrench).max(axis=1),
+    )
+    unbounded = np.full((len(time), 24), np.inf)
+    share = np.full((len(time), 23), options.speed_share)
+    joints = np.ones(23)
+    made = Problem(
+        robot=robot,
+        frames=looked_at,
+        basis=rest_at_both_ends(free),
+        target=target,
+        target_acceleration=surge,
+        target_points=points,
+        target_trunk=kinematic.links[:, looked_at.trunk, :3, :3],
+        rows={
+            "wrench": Rows(cones.lower, cones.upper),
+            "corners": Rows(-unbounded, unbounded),
+            "speed": Rows(-share, share),
+        },
+        cones=cones,
+        weights=Weights(
+            keypoint=1.0,
+            orientation=0.3,
+            posture=np.concatenate([np.zeros(4), np.full(3, 0.1), 0.1 * joints]),
+            acceleration=np.concatenate([np.full(4, 2e-3), np.full(3, 2e-3), 2e-3 * joints]),
+            damping=np.concatenate([np.full(4, 3e-4), np.full(3, 3e-4), 3e-4 * joints]),
+        ),
+    )
+    return made, standing
