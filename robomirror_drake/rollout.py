@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
-from pydrake.systems.primitives import ConstantValueSource
 
 from robomirror_drake.messages import Execution, RobotReference
 from robomirror_drake.robot import Robot
@@ -45,11 +44,13 @@ def rollout(
     options = options or SimulationOptions()
     builder = DiagramBuilder()
     systems = build_execution(builder, robot, options)
-    source = builder.AddNamedSystem("reference", ConstantValueSource(Value[object](reference)))
-    builder.Connect(source.get_output_port(), systems.reference_port)
+    builder.ExportInput(systems.reference_port, "reference")
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
+    # A fixed port, not a ConstantValueSource: the output of that one counts as changed
+    # whenever time does, and the controller would prepare the reference at every tick.
+    diagram.GetInputPort("reference").FixValue(context, Value[object](reference))
     set_initial_state(systems, context, reference)
     run(simulator, systems, reference.duration + options.hold, options, progress)
     return execution(systems, context, reference, seed)
