@@ -14,7 +14,7 @@ import numpy as np
 
 from robomirror_drake.exceptions import MotionFileError
 from robomirror_drake.messages import Array, HumanMotion
-from robomirror_drake.motion.checks import checked_motion, existing_file
+from robomirror_drake.motion.checks import STATURE_RANGE, checked_motion, existing_file, stature
 from robomirror_drake.motion.ground import z_up
 
 FPS = 20.0
@@ -32,12 +32,14 @@ def load_humanml(path: Path | str) -> HumanMotion:
     """
     data = _load_array(path)
     if data.ndim == 2 and data.shape[1] == FEATURES:
-        if len(data) and np.isfinite(data[:, 3]).all() and np.median(data[:, 3]) < 0.0:
-            raise MotionFileError(
-                path, "the root is below the floor: these features look normalised; "
-                "multiply them by the data set's Std and add its Mean",
-            )  # fmt: skip
         positions = recover_from_ric(data)
+        height = stature(positions) if len(data) else 0.0
+        if len(data) and not STATURE_RANGE[0] <= height <= STATURE_RANGE[1]:
+            raise MotionFileError(
+                path,
+                f"these features make a person {height:.3g} m tall; if they are normalised, "
+                "multiply them by the data set's Std and add its Mean",
+            )
     elif data.ndim == 3 and data.shape[1:] == (22, 3):
         positions = data
     else:
