@@ -117,7 +117,7 @@ def _table(
         shape = json.dumps(array.shape[1:])
         notes = {"unit": unit, "description": description, "shape": shape}
         schema.append(pa.field(name, arrays[-1].type, nullable=False, metadata=notes))
-    text = json.dumps(message, ensure_ascii=False)
+    text = json.dumps(message, ensure_ascii=False, default=float)  # numpy scalars are floats
     return pa.Table.from_arrays(arrays, schema=pa.schema(schema, metadata={"message": text}))
 
 

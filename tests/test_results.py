@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import pickle
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -76,6 +80,22 @@ def test_interrupted_writing_leaves_nothing(result, tmp_path, monkeypatch, fault
     with pytest.raises(fault):
         save_result(tmp_path / "run", result)
     assert not list(tmp_path.iterdir())
+
+
+def test_killed_run_leaves_nothing_that_looks_like_a_result(result, tmp_path):
+    (tmp_path / "result.pickle").write_bytes(pickle.dumps(result))
+    program = """
+import os, pathlib, pickle, signal
+from robomirror_drake import results
+results.write_candidates = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+results.save_result(pathlib.Path("run"), pickle.loads(pathlib.Path("result.pickle").read_bytes()))
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path)
+    assert done.returncode == -signal.SIGKILL
+    assert not [path for path in tmp_path.iterdir() if path.is_dir() and path.name[0] != "."]
+    (leftover,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    with pytest.raises(ResultError, match=r"candidates\.parquet"):
+        load_result(leftover)
 
 
 def test_unwritable_place_is_named(result, tmp_path):
