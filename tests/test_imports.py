@@ -27,7 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("tables",),
     ("rollout", "results"),
     ("run", "figures", "scene"),
-    ("bench", "survey"),
+    ("commands", "bench_retarget", "bench_controller", "survey"),
     ("report", "playback"),
     ("cli",),
     ("__main__",),
