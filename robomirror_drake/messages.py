@@ -39,6 +39,22 @@ def _frozen(value: npt.ArrayLike, dtype: type, shape: tuple[int | None, ...], na
     return array
 
 
+RESIDUAL_UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "keypoint_error": "m",
+        "stance_drift": "m",
+        "penetration": "m",
+        "self_penetration": "m",
+        "limit_violation": "rad",
+        "velocity_violation": "rad/s",
+        "jerk_rms": "rad/s³",
+        "dynamic_violation": "body weights",
+        "distance_to_raw": "m",
+    }
+)
+"""Units of :attr:`RobotReference.residuals`; what is not listed has none."""
+
+
 class _Message:
     """Shared by all messages: fields are frozen on construction."""
 

@@ -3,8 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantValueSource
 
 from robomirror_drake.exceptions import ControllerError
 from robomirror_drake.messages import RobotReference
@@ -20,15 +18,10 @@ def reference(source: str) -> RobotReference:
 
 
 def select(value: object) -> RobotReference:
-    builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantValueSource(Value[object](value)))
-    selector = builder.AddSystem(ReferenceSelector())
-    builder.Connect(source.get_output_port(), selector.GetInputPort("references"))
-    builder.ExportOutput(selector.GetOutputPort("reference"), "reference")
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    diagram.ExecuteInitializationEvents(context)
-    return diagram.GetOutputPort("reference").Eval(context)
+    selector = ReferenceSelector()
+    context = selector.CreateDefaultContext()
+    selector.GetInputPort("references").FixValue(context, Value[object](value))
+    return selector.GetOutputPort("reference").Eval(context)
 
 
 def test_takes_the_first_and_keeps_it_whole():

@@ -1,0 +1,289 @@
+"""The ``robomirror`` command.
+
+Exit codes: 0 done (the robot may have fallen: that is a result), 2 bad input,
+1 internal error. Heavy modules are imported inside the commands, so that
+``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import traceback
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from robomirror_drake.exceptions import InputError, ResultError, RetargetingError
+from robomirror_drake.messages import RESIDUAL_UNITS
+
+if TYPE_CHECKING:
+    from robomirror_drake.config import Scenario
+    from robomirror_drake.results import Result
+    from robomirror_drake.run import Stage
+
+app = typer.Typer(
+    help="A humanoid that judges a commanded motion before it moves.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+bench = typer.Typer(help="Measure a stage; beside a peer where there is one.", no_args_is_help=True)
+app.add_typer(bench, name="bench")
+console = Console(stderr=True)
+out = Console()
+
+ScenarioOption = Annotated[
+    str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
+
+
+@app.command()
+def run(
+    command: Annotated[
+        str,
+        typer.Argument(
+            metavar="TEXT|FILE",
+            help="What to do, in words; or a motion file (.bvh, .npy, mocap .txt); or clip:NAME.",
+        ),
+    ] = "",
+    candidates: Annotated[
+        int | None, typer.Option("-n", "--candidates", help="Human motions to generate.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of all that is drawn.")] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", help="Result folder; numbered if it exists.")
+    ] = None,
+    live: Annotated[bool, typer.Option("--live", help="Watch it in a browser.")] = False,
+    scenario: ScenarioOption = "default",
+    graphviz: Annotated[
+        Path | None, typer.Option(help="Write the diagram's picture (.dot) here and stop.")
+    ] = None,
+) -> None:
+    """Run a command end to end: motion, reference, physics, report.
+
+    Example: robomirror run "a person walks forward four steps, then waves"
+    """
+    settings = _scenario(scenario, command=command, seed=seed, candidates=candidates)
+    if graphviz is not None:
+        _write_graphviz(settings, graphviz)
+        return
+    result = _run(settings, live)
+    saved = _save(result, folder or Path("results") / _slug(settings.command))
+    _print_outcome(result, saved)
+
+
+@app.command()
+def motions(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+    """List the actions and the recorded clips that the library knows."""
+    from robomirror_drake.motion.library import library
+    from robomirror_drake.motion.mocap import list_clips
+
+    actions = library().values()
+    if as_json:
+        rows = [a.model_dump(include={"name", "group", "description", "side"}) for a in actions]
+        out.print_json(json.dumps({"actions": rows, "clips": list_clips()}))
+        return
+    table = Table("action", "group", "a person …", "for example")
+    for action in actions:
+        table.add_row(action.name, action.group, action.description, action.paraphrases[0])
+    out.print(table)
+    out.print(f"clips, as clip:NAME: {', '.join(list_clips())}")
+
+
+@app.command()
+def retarget(
+    file: Annotated[str, typer.Argument(help="A motion file, or clip:NAME.")],
+    folder: Annotated[Path | None, typer.Option("--out", help="Where to write.")] = None,
+    scenario: ScenarioOption = "default",
+) -> None:
+    """Retarget one recorded motion, kinematically, and write the reference as Parquet."""
+    from robomirror_drake.run import retarget_motion
+    from robomirror_drake.tables import write_message
+
+    settings = _scenario(scenario, command=file)
+    reference = retarget_motion(settings)
+    path = folder / "reference.parquet" if folder else Path(f"{_slug(file)}.reference.parquet")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists():
+        raise ResultError(f"{path} exists; name another place with --out")
+    write_message(path, reference)
+    table = Table("residual", "value", "unit")
+    for name, value in reference.residuals.items():
+        table.add_row(name, f"{value:.4g}", RESIDUAL_UNITS.get(name, ""))
+    out.print(table)
+    out.print(str(path), soft_wrap=True)
+
+
+@app.command()
+def play(result: Annotated[Path, typer.Argument(help="A result folder.")]) -> None:
+    """Show a saved result in a browser."""
+    from robomirror_drake.playback import play as open_viewer
+    from robomirror_drake.results import load_result
+    from robomirror_drake.robot import load_robot
+
+    loaded = load_result(result)
+    viewer = open_viewer(loaded, load_robot(loaded.robot))
+    out.print(f"{viewer.url()}\nEnter ends it.")
+    sys.stdin.readline()
+
+
+@app.command()
+def survey(
+    actions: Annotated[
+        str, typer.Option(help="Comma-separated actions or clip:NAMEs; all of them by default.")
+    ] = "",
+    json_file: JsonOption = None,
+    jobs: Annotated[int, typer.Option(help="Processes.")] = 2,
+    scenario: ScenarioOption = "default",
+) -> None:
+    """Execute every action of the library and say which ones the robot can do."""
+    from robomirror_drake.survey import print_survey, survey_rows
+
+    settings = _scenario(scenario)
+    wanted = tuple(name.strip() for name in actions.split(",") if name.strip())
+    with _progress() as progress:
+        task = progress.add_task("survey", total=None)
+
+        def report(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+
+        rows = survey_rows(settings, wanted, jobs, report)
+    print_survey(rows, out)
+    _write_json(json_file, {"rows": [asdict(row) for row in rows]})
+
+
+@bench.command("retarget")
+def bench_retarget(json_file: JsonOption = None) -> None:
+    """The retargeter beside mink's per-frame IK, on every clip that keeps to the feet."""
+    from robomirror_drake import bench_retarget as measure
+
+    figures = measure.run()
+    measure.print_table(figures, out)
+    _write_json(json_file, figures)
+
+
+@bench.command("controller")
+def bench_controller(json_file: JsonOption = None) -> None:
+    """The controller's tick by QP solver: assembly and solve, median and 99th percentile."""
+    from robomirror_drake import bench_controller as measure
+
+    figures = measure.run()
+    measure.print_table(figures, out)
+    _write_json(json_file, figures)
+
+
+def _scenario(name: str, **changes: Any) -> Scenario:
+    """The scenario of that name with what the command line says instead."""
+    from robomirror_drake.config import load_scenario, validate_scenario
+
+    given = {key: value for key, value in changes.items() if value not in (None, "")}
+    return validate_scenario(load_scenario(name).model_dump() | given, "command line")
+
+
+def _run(scenario: Scenario, live: bool) -> Result:
+    from robomirror_drake.run import STAGES, run, start_viewer
+
+    viewer = start_viewer() if live else None
+    if viewer is not None:
+        out.print(f"watch it at {viewer.web_url()}")
+    with _progress() as progress:
+        tasks = {s: progress.add_task(text, total=1.0, start=False) for s, text in STAGES.items()}
+        order = list(tasks)
+
+        def report(stage: Stage, share: float) -> None:
+            for earlier in order[: order.index(stage)]:
+                progress.update(tasks[earlier], completed=1.0)
+                progress.stop_task(tasks[earlier])
+            if not progress.tasks[tasks[stage]].started:
+                progress.start_task(tasks[stage])
+            progress.update(tasks[stage], completed=share)
+
+        return run(scenario, report, viewer)
+
+
+def _save(result: Result, folder: Path) -> Path:
+    from robomirror_drake.playback import render_playback
+    from robomirror_drake.report import render_report
+    from robomirror_drake.results import save_result
+    from robomirror_drake.robot import load_robot
+
+    robot = load_robot(result.robot)
+    with console.status("writing the report and the playback"):
+        pages = {
+            "report.html": render_report(result, robot),
+            "playback.html": render_playback(result, robot),
+        }
+        return save_result(folder, result, pages)
+
+
+def _print_outcome(result: Result, folder: Path) -> None:
+    outcome = result.outcome
+    if outcome.fell:
+        out.print(f"[red]The robot fell at {outcome.fall_time_s:.2f} s[/] ({outcome.fall_cause}).")
+    else:
+        out.print(f"[green]The robot stayed on its feet[/] for {outcome.duration_s:.1f} s.")
+    out.print(
+        f"mean error: joints {outcome.A_q:.4f} rad, root {100 * outcome.A_p:.1f} cm, "
+        f"{outcome.A_theta:.3f} rad"
+    )
+    for page in ("report.html", "playback.html"):
+        out.print(f"{folder / page}", soft_wrap=True, highlight=False)
+
+
+def _write_graphviz(scenario: Scenario, path: Path) -> None:
+    from robomirror_drake.pipeline import build_pipeline
+    from robomirror_drake.robot import load_robot
+
+    diagram = build_pipeline(load_robot(scenario.robot), scenario).diagram
+    path.write_text(diagram.GetGraphvizString(max_depth=1), encoding="utf-8")
+    out.print(f"{path} (dot -Tsvg draws it)")
+
+
+def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
+    if path is not None:
+        path.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        console.print(f"wrote {path}", highlight=False)
+
+
+def _slug(command: str) -> str:
+    """A short name for files from a command: ``a person bows`` gives ``a-person-bows``."""
+    return re.sub(r"[^a-z0-9]+", "-", Path(command).stem.lower()).strip("-")[:60] or "run"
+
+
+def _progress() -> Progress:
+    return Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=False,
+    )
+
+
+def main() -> None:
+    """Entry point: turns errors into exit codes, so that bad input shows no traceback."""
+    try:
+        app()
+    except (InputError, RetargetingError) as error:
+        _complain(str(error))
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    except Exception as error:
+        traceback.print_exc()
+        _complain(f"internal error: {error}")
+        raise SystemExit(1) from None
+
+
+def _complain(message: str) -> None:
+    console.print(f"robomirror: {message}", style="red", markup=False, highlight=False)

@@ -1,0 +1,111 @@
+"""The command line: exit codes, messages, and a whole run."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+
+from robomirror_drake import cli
+
+
+def robomirror(monkeypatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["robomirror", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    return int(stopped.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--help",),
+        ("run", "--help"),
+        ("motions",),
+        ("bench", "--help"),
+    ],
+)
+def test_help_and_listings_succeed(monkeypatch, capsys, arguments):
+    assert robomirror(monkeypatch, *arguments) == 0
+    assert capsys.readouterr().out
+
+
+def test_motions_as_json_has_every_action(monkeypatch, capsys):
+    assert robomirror(monkeypatch, "motions", "--json") == 0
+    listing = json.loads(capsys.readouterr().out)
+    names = {action["name"] for action in listing["actions"]}
+    assert {"walk_forward", "front_kick", "wave", "bow", "squat"} <= names
+    assert {action["group"] for action in listing["actions"]} == {
+        "locomotion",
+        "dynamic",
+        "expressive",
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("run", ""), "empty"),
+        (("run", "the stock market fell"), "nearest"),
+        (("run", "/nowhere/motion.bvh"), "motion.bvh"),
+        (("run", "clip:moonwalk"), "moonwalk"),
+        (("run", "bow", "--seed", "-3"), "seed"),
+        (("run", "bow", "-n", "0"), "candidates"),
+        (("run", "bow", "--scenario", "nonesuch"), "nonesuch"),
+        (("retarget", "wave"), "no motion file"),
+        (("play", "/nowhere"), "nowhere"),
+        (("survey", "--actions", "fly"), "fly"),
+        (("no-such-command",), "No such command"),
+    ],
+)
+def test_bad_input_exits_2_with_a_reason_and_no_traceback(monkeypatch, capsys, arguments, message):
+    assert robomirror(monkeypatch, *arguments) == 2
+    printed = capsys.readouterr()
+    assert message in " ".join((printed.err + printed.out).split())
+    assert "Traceback" not in printed.err
+
+
+def test_an_internal_error_exits_1(monkeypatch, capsys):
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(cli, "_scenario", broken)
+    assert robomirror(monkeypatch, "run", "bow") == 1
+    assert "internal error: on purpose" in capsys.readouterr().err
+
+
+def test_graphviz_names_every_stage(monkeypatch, tmp_path):
+    path = tmp_path / "diagram.dot"
+    assert robomirror(monkeypatch, "run", "bow", "--graphviz", str(path)) == 0
+    text = path.read_text()
+    for stage in (
+        "motion_generator",
+        "retargeter",
+        "reference_selector",
+        "dynamic_planner",
+        "whole_body_controller",
+        "outcome_recorder",
+        "plant",
+    ):
+        assert stage in text
+
+
+@pytest.mark.slow
+def test_a_whole_run_leaves_a_whole_result(monkeypatch, tmp_path, capsys):
+    folder = tmp_path / "bow"
+    arguments = ("run", "a person bows", "-n", "2", "--seed", "3", "--out", str(folder))
+    assert robomirror(monkeypatch, *arguments) == 0
+    outcome = json.loads((folder / "outcome.json").read_text())
+    assert outcome["fell"] is False
+    assert outcome["seeds"] == {"generator": 3}
+    assert {f.name for f in folder.iterdir()} == {
+        "outcome.json",
+        "scenario.yaml",
+        "candidates.parquet",
+        "reference.parquet",
+        "execution.parquet",
+        "report.html",
+        "playback.html",
+    }
+    assert str(folder) in capsys.readouterr().out.replace("\n", "")

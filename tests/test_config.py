@@ -1,0 +1,48 @@
+"""Scenarios: defaults, round trip, and clear refusals."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+
+from robomirror_drake.config import Scenario, load_scenario, validate_scenario
+from robomirror_drake.exceptions import ConfigError
+
+
+def test_the_shipped_default_is_all_of_the_defaults():
+    assert load_scenario("default") == Scenario()
+
+
+def test_yaml_round_trips(tmp_path):
+    scenario = validate_scenario({"command": "bow ü", "seed": 7, "simulation": {"hold": 1.5}})
+    file = tmp_path / "s.yaml"
+    file.write_text(scenario.to_yaml(), encoding="utf-8")
+    assert load_scenario(file) == scenario
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"sed": 1}, "sed"),
+        ({"seed": -1}, "seed"),
+        ({"candidates": 0}, "candidates"),
+        ({"simulation": {"time_step": 1.0}}, r"simulation\.time_step.*got 1\.0"),
+        ({"planner": {"strenght": 1}}, r"planner\.strenght"),
+        ({"simulation": {"friction": float("nan")}}, r"simulation\.friction"),
+        (["a list"], "top level"),
+    ],
+)
+def test_unknown_keys_and_bad_values_are_named(tmp_path, data, message):
+    file = tmp_path / "bad.yaml"
+    file.write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match=message):
+        load_scenario(file)
+
+
+def test_what_is_no_yaml_and_what_is_no_file_is_said(tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_text("a: [1")
+    with pytest.raises(ConfigError, match="not YAML"):
+        load_scenario(file)
+    with pytest.raises(ConfigError, match="known: default"):
+        load_scenario("nonesuch")
