@@ -12,7 +12,7 @@ from robomirror_drake.motion.perform import perform
 from robomirror_drake.motion.score import Score
 from robomirror_drake.motion.text import Clause
 
-REST = 0.3
+REST = 0.5
 """Stillness before the first action and after the last [s]."""
 BETWEEN = 0.1
 """Stillness between two actions [s]."""

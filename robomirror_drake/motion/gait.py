@@ -77,7 +77,7 @@ def _straight(score: Score, cue: Cue, direction: float, step: float, longest: fl
         y = half if side == "left" else -half
         if last and i:
             beside = 0.5 * (STANCE_WIDTH - cue.style.step_width)
-            y += -beside if side == "left" else beside
+            y += beside if side == "left" else -beside
         advance = direction * length * (1.0 if i == 0 or last else 2.0)
         steps.append(Step(side, ahead(start, x, y), advance))
         side = other(side)

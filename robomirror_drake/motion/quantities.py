@@ -12,9 +12,10 @@ import numpy as np
 from robomirror_drake.exceptions import InputError
 
 _WORDS = (
-    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen "
-    "fifteen sixteen seventeen eighteen nineteen twenty"
-).split()
+    "zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
+    "twelve", "thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen", "nineteen",
+    "twenty",
+)  # fmt: skip
 _NUMBERS: dict[str, float] = {
     **{word: float(i) for i, word in enumerate(_WORDS)},
     "thirty": 30.0, "forty-five": 45.0, "forty": 40.0, "fifty": 50.0, "sixty": 60.0,
@@ -40,9 +41,9 @@ _TURN_WORDS: tuple[tuple[str, float], ...] = (
     (r"full|complete|whole|circle|once round", 360.0),
 )  # fmt: skip
 _COUNT = re.compile(
-    rf"{_NUMBER}[ -](?!(?:of|hands?|arms?|legs?|foot|feet|fists?|knees?|side|moment|while|little|"
-    r"half|quarter)\b(?!-?step))(?:\w+[ -]){0,2}?(?:times|steps?|strides?|paces|reps|repetitions|"
-    r"rounds|\w+s)\b"
+    rf"{_NUMBER}[ -](?!(?:of|hands?|arms?|legs?|foot|feet|fists?|knees?|side|moment|m[ae]n|persons?"
+    r"|people|while|little|half|quarter)\b(?! ?-?step))(?:\w+[ -]){0,2}?"
+    r"(?:times?|steps?|strides?|paces|reps|repetitions|rounds|\w+s)\b"
 )
 _TIMES = re.compile(r"\b(once|twice|thrice)\b")
 
@@ -120,10 +121,15 @@ def count_of(text: str) -> int | None:
         return {"once": 1, "twice": 2, "thrice": 3}[times[1]]
     for unit in (_SPEED, _ANGLE, _DISTANCE):
         text = unit.sub(" ", text)
-    found = _COUNT.search(text)
-    if found is None or (found[1] in ("a", "an") and "step" not in found[0]):
+    found = next((m for m in _COUNT.finditer(text) if _counts(m)), None)
+    if found is None:
         return None
     return int(_within(round(_value(found[1])), 1, MAX_COUNT, "repetitions", text))
+
+
+def _counts(found: re.Match[str]) -> bool:
+    """Whether a number before a noun counts; an article does only before a step."""
+    return found[1] not in ("a", "an", "one") or found[0].endswith(("step", "time", "stride"))
 
 
 def tempo_of(text: str) -> float:

@@ -19,8 +19,8 @@ WORD_BONUS = 0.30
 
 # After these a new clause begins, whatever follows.
 _SEQUENCE = re.compile(
-    r"\s*(?:[;!\n]+|\.(?!\d)|,?\s*\b(?:and )?(?:then|after that|afterwards?|next|finally|subsequently"
-    r"|followed by|before|thereafter)\b,?)\s*"
+    r"\s*(?:[;!\n]+|\.(?!\d)|,?\s*\b(?:and )?(?:then|after that|afterwards?|next|finally"
+    r"|subsequently|followed by|before|thereafter)\b,?)\s*"
 )
 # After these one begins where the words of an action follow.
 _JOIN = re.compile(r"\s*(?:,\s*and\b|,|\band\b)\s*")

@@ -1,0 +1,111 @@
+"""From a command to candidates: determinism, styles, sequences, the system."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+
+from robomirror_drake.exceptions import InputError, UnknownCommandError
+from robomirror_drake.motion.body import bone_lengths
+from robomirror_drake.motion.generate import GeneratorOptions, draw_style, generate
+from robomirror_drake.motion.skeleton import INDEX
+from robomirror_drake.systems.motion_generator import MotionGenerator
+
+COMMAND = "a person walks forward four steps, then waves with the right hand"
+
+
+def test_same_seed_same_bytes_however_many_are_asked_for() -> None:
+    three, five = generate(COMMAND, 3, seed=4), generate(COMMAND, 5, seed=4)
+    assert [m.positions.tobytes() for m in three] == [m.positions.tobytes() for m in five[:3]]
+    assert [m.style for m in three] == [m.style for m in five[:3]]
+    other = generate(COMMAND, 3, seed=5)
+    assert np.array_equal(three[0].positions, other[0].positions)  # nominal
+    assert three[1].positions.tobytes() != other[1].positions.tobytes()
+
+
+def test_candidates_say_where_they_come_from() -> None:
+    nominal, drawn = generate(COMMAND, 2, seed=9)
+    assert nominal.text == drawn.text == COMMAND
+    assert nominal.source == "generator:walk_forward+wave seed 9 candidate 0"
+    assert drawn.source.endswith("candidate 1")
+    assert nominal.style["tempo"] == 1.0
+    assert drawn.style != nominal.style
+    assert nominal.fps == 60.0
+
+
+def test_without_diversity_all_candidates_are_alike() -> None:
+    a, b = generate("bow", 2, options=GeneratorOptions(diversity=0.0, fps=30.0))
+    assert np.array_equal(a.positions, b.positions)
+    assert a.fps == 30.0
+
+
+def test_styles_stay_in_range() -> None:
+    styles = [draw_style(1, k) for k in range(1, 200)]
+    assert min(s.step_width for s in styles) >= 0.18
+    assert min(s.step_height for s in styles) >= 0.05
+    assert {s.mirrored for s in styles} == {0.0, 1.0}
+    tempos = np.array([s.tempo for s in styles])
+    assert 0.75 < tempos.min() < 0.85 < 1.15 < tempos.max() < 1.25
+
+
+def test_a_sequence_is_done_in_order() -> None:
+    (motion,) = generate("turns left 90 degrees and walks forward one meter, then waves", 1)
+    positions = motion.positions
+    assert positions[-1, 0, :2] == pytest.approx([0.0, 1.0], abs=0.05)
+    highest = positions[:, INDEX["right_wrist"], 2].argmax()
+    assert positions[highest, 0, :2] == pytest.approx([0.0, 1.0], abs=0.05)
+    assert np.ptp(bone_lengths(positions), axis=0).max() < 1e-9
+
+
+def test_a_gesture_goes_along_with_the_walk() -> None:
+    (plain,) = generate("walks forward six steps", 1)
+    (motion,) = generate("walks forward six steps while waving the left hand", 1)
+    wrist, neck = motion.positions[:, INDEX["left_wrist"]], motion.positions[:, INDEX["neck"]]
+    up = wrist[:, 2] > neck[:, 2]
+    walked = motion.positions[up, 0, 0]
+    assert np.ptp(walked) > 0.3
+    assert motion.positions[-1, 0, 0] == pytest.approx(plain.positions[-1, 0, 0], abs=1e-3)
+
+
+def test_two_gestures_cannot_share_an_arm() -> None:
+    with pytest.raises(InputError, match="already in use"):
+        generate("walks while clapping while waving", 1)
+
+
+@pytest.mark.parametrize(
+    ("n", "seed", "says"), [(0, 0, "candidates"), (1000, 0, "candidates"), (1, -1, "seed")]
+)
+def test_bad_numbers_are_refused(n: int, seed: int, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        generate("bow", n, seed)
+
+
+def test_a_motion_without_end_is_refused() -> None:
+    with pytest.raises(InputError, match="longest"):
+        generate(" then ".join(["walks forward 20 meters at 0.2 m/s"] * 3), 1)
+
+
+def test_system_outputs_the_candidates_of_its_command() -> None:
+    generator = MotionGenerator(n=2, seed=3)
+    context = generator.CreateDefaultContext()
+    command, port = generator.GetInputPort("command"), generator.GetOutputPort("candidates")
+    command.FixValue(context, Value[object]("a person bows"))
+    candidates = port.Eval(context)
+    assert candidates == generate("a person bows", 2, 3)
+    context.SetTime(1.0)
+    assert port.Eval(context)[0] is candidates[0]  # cached: time is no prerequisite
+    command.FixValue(context, Value[object]("a person waves"))
+    assert port.Eval(context)[0].text == "a person waves"
+    assert context.num_total_states() == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "error"), [(3, InputError), ("the stock market fell", UnknownCommandError)]
+)
+def test_system_raises_errors_that_say_why(command: object, error: type[Exception]) -> None:
+    generator = MotionGenerator()
+    context = generator.CreateDefaultContext()
+    generator.GetInputPort("command").FixValue(context, Value[object](command))
+    with pytest.raises(error):
+        generator.GetOutputPort("candidates").Eval(context)
