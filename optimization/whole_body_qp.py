@@ -22,6 +22,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import qpsolvers
 from pydantic import BaseModel, ConfigDict, Field
+from scipy.sparse import csc_matrix
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.dynamics_terms import ControlModel, DynamicsTerms, TaskMotion
@@ -241,7 +242,7 @@ def build_qp(robot: ControlModel, terms: DynamicsTerms, targets: Targets, tuned:
 
 _TOLERANCES: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-7, "iter_limit": 500},
-    "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "max_iter": 4000},
+    "osqp": {"eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 20000},
     "proxqp": {"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 1000},
     "quadprog": {},
     "piqp": {"eps_abs": 1e-7, "eps_rel": 1e-8},
@@ -257,7 +258,8 @@ def solve_qp(qp: QP, solver: Solver) -> Solution:
     nothing = Solution(False, np.zeros_like(qp.q), qp)
     if not (np.isfinite(qp.q).all() and np.isfinite(qp.h).all() and np.isfinite(qp.P).all()):
         return nothing
-    problem = qpsolvers.Problem(qp.P, qp.q, qp.G, qp.h, None, None, qp.lb, qp.ub)
+    P, G = (csc_matrix(qp.P), csc_matrix(qp.G)) if solver == "osqp" else (qp.P, qp.G)
+    problem = qpsolvers.Problem(P, qp.q, G, qp.h, None, None, qp.lb, qp.ub)
     try:
         solution = qpsolvers.solve_problem(problem, solver, **_TOLERANCES[solver])
     except (ValueError, ArithmeticError, qpsolvers.SolverError):
@@ -265,6 +267,18 @@ def solve_qp(qp: QP, solver: Solver) -> Solution:
     if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
         return nothing
     return Solution(True, solution.x, qp)
+
+
+def without_joint_limits(qp: QP) -> QP:
+    """The same QP with accelerations unbounded, which always has a solution.
+
+    Torque limits alone can be met by any contact force, joint limits too near for the
+    torque that is there cannot.
+    """
+    joints = qp.s.size
+    lb, ub = qp.lb.copy(), qp.ub.copy()
+    lb[:joints], ub[:joints] = -np.inf, np.inf
+    return qp._replace(lb=lb, ub=ub)
 
 
 def torque_from(solution: Solution) -> Array:
@@ -279,7 +293,8 @@ def acceleration_from(solution: Solution) -> Array:
 
 def foot_wrench_from(solution: Solution) -> Array:
     """(2, 6) wrench on each foot about its sole's centre, [force, moment], world axes."""
-    return np.asarray(solution.problem.W @ solution.x[-solution.problem.W.shape[2] :])
+    W = solution.problem.W
+    return np.asarray(W @ solution.x[solution.x.size - W.shape[2] :])
 
 
 def solution_quality(solution: Solution, robot: ControlModel, friction: float) -> Array:

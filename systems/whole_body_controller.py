@@ -34,6 +34,7 @@ from robomirror_drake.optimization.whole_body_qp import (
     solve_qp,
     torque_from,
     tuning,
+    without_joint_limits,
 )
 from robomirror_drake.robot import Robot
 
@@ -41,6 +42,9 @@ DIAGNOSTICS = ("qp_failures", "friction_margin", "torque_saturation", "residual"
 """Elements of the port ``diagnostics``: control ticks in a row without a solution; least
 µ - |f_t| / f_n that the solution plans; share of joints at their torque limit; largest
 violation of the QP's constraints, in its own units."""
+
+ABSURD = 1e6
+"""Size from which on no element of a state is believed, in its own unit."""
 
 
 class ControllerOptions(BaseModel):
@@ -79,8 +83,10 @@ class WholeBodyController(LeafSystem):
         ``reference_state`` (59): the reference at the Context's time, Drake order.
 
     All state is discrete state of the Context: torque, diagnostics, stance. Where the QP
-    has no solution, the last torque is held for ``patience`` ticks, then joints are
-    damped; a state that is not finite counts as no solution and gives zero torque.
+    has no solution, it is tried again without joint limits; if that fails too, the last
+    torque is held for ``patience`` ticks, then joints are damped. A state that is not
+    finite, or absurd, counts as a failure, with no torque after that. The first tick is
+    at time 0 and reaches the plant one of its steps later.
     """
 
     def __init__(self, robot: Robot, options: ControllerOptions | None = None) -> None:
@@ -102,9 +108,9 @@ class WholeBodyController(LeafSystem):
             value_producer=ValueProducer(allocate=Value[object], calc=self._calc_trajectory),
             prerequisites_of_calc={self._reference_port.ticket()},
         )
-        sizes = (joints, len(DIAGNOSTICS), initial_stance().pack().size)
-        self._split = np.cumsum(sizes)[:-1]
-        state = self.DeclareDiscreteState(int(sum(sizes)))
+        self._split = np.array([joints, joints + len(DIAGNOSTICS)])
+        nothing_yet = np.zeros(joints + len(DIAGNOSTICS))
+        state = self.DeclareDiscreteState(np.append(nothing_yet, initial_stance().pack()))
         prerequisites = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort("torque", joints, self._calc_torque, prerequisites)
         self.DeclareVectorOutputPort(
@@ -116,7 +122,6 @@ class WholeBodyController(LeafSystem):
             self._calc_reference_state,
             {self._reference_port.ticket(), self.time_ticket()},
         )
-        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(self._options.period, 0.0, self._update)
 
     def _calc_trajectory(self, context: Context, value: AbstractValue) -> None:
@@ -140,13 +145,6 @@ class WholeBodyController(LeafSystem):
         torque, diagnostics, stance = np.split(vector, self._split)
         return _State(torque, diagnostics, Stance.unpack(stance))
 
-    def _initialize(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        fresh = _State(
-            np.zeros(self._model.effort.size), np.zeros(len(DIAGNOSTICS)), initial_stance()
-        )
-        self._tick(context, fresh, discrete_state)
-        return EventStatus.Succeeded()
-
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         last = self._unpack(context.get_discrete_state_vector().value())
         self._tick(context, last, discrete_state)
@@ -155,7 +153,7 @@ class WholeBodyController(LeafSystem):
     def _tick(self, context: Context, last: _State, discrete_state: DiscreteValues) -> None:
         state = self._state_port.Eval(context)
         rates = state[-self._model.effort.size :]
-        if np.isfinite(state).all():
+        if np.abs(state).max() < ABSURD:  # not so for NaN either
             solution, stance = self._solve(context, state, last.stance)
         else:
             solution, stance, rates = None, last.stance, np.zeros_like(rates)
@@ -163,7 +161,7 @@ class WholeBodyController(LeafSystem):
             failures, torque = 0.0, torque_from(solution)
             quality = solution_quality(solution, self._model, self._options.qp.friction)
         else:
-            failures, quality = last.diagnostics[0] + 1.0, np.array([0.0, 0.0, 0.0])
+            failures, quality = last.diagnostics[0] + 1.0, np.zeros(len(DIAGNOSTICS) - 1)
             hold = failures <= self._options.patience
             torque = last.torque if hold else -self._options.failure_damping * rates
         torque = np.clip(torque, -self._model.effort, self._model.effort)
@@ -192,7 +190,11 @@ class WholeBodyController(LeafSystem):
             anchor_p=stance.anchor_p,
             anchor_R=stance.anchor_R,
         )
-        return solve_qp(build_qp(model, terms, targets, self._tuning), options.qp.solver), stance
+        qp = build_qp(model, terms, targets, self._tuning)
+        solution = solve_qp(qp, options.qp.solver)
+        if not solution.found:
+            solution = solve_qp(without_joint_limits(qp), options.qp.solver)
+        return solution, stance
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._unpack(context.get_discrete_state_vector().value()).torque)

@@ -1,0 +1,231 @@
+"""The controller's QP: optimality, dynamics, contacts, solvers, absurd input."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import get_args
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import MultibodyForces
+from scipy.optimize import nnls
+
+from robomirror_drake.optimization.dynamics_terms import (
+    ControlModel,
+    DynamicsTerms,
+    control_model,
+    dynamics_terms,
+    task_motion,
+)
+from robomirror_drake.optimization.whole_body_qp import (
+    Solver,
+    Targets,
+    WholeBodyOptions,
+    acceleration_from,
+    build_qp,
+    foot_wrench_from,
+    solution_quality,
+    solve_qp,
+    torque_from,
+    tuning,
+)
+from robomirror_drake.robot import FEET, Robot, load_robot
+
+OPTIONS = WholeBodyOptions()
+BOTH, LEFT = np.ones((2, 4)), np.array([[1.0] * 4, [0.0] * 4])
+TOES = np.array([[1.0, 1.0, 0.0, 0.0], [1.0] * 4])
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot()
+
+
+@pytest.fixture(scope="module")
+def model(robot: Robot) -> ControlModel:
+    return control_model(robot)
+
+
+def _state(robot: Robot, rng: np.random.Generator, scale: float) -> tuple[np.ndarray, np.ndarray]:
+    q = pin.integrate(
+        robot.model, robot.to_pinocchio(robot.standing), scale * rng.standard_normal(29)
+    )
+    return q, 5.0 * scale * rng.standard_normal(29)
+
+
+def _problem(
+    robot: Robot, model: ControlModel, load: np.ndarray, seed: int, scale: float = 0.03
+) -> tuple[DynamicsTerms, Targets, np.ndarray, np.ndarray]:
+    """A state near standing, asked to stand, with a planned wrench."""
+    rng = np.random.default_rng(seed)
+    q, v = _state(robot, rng, scale)
+    terms = dynamics_terms(model, model.model.createData(), q, v)
+    stand = robot.to_pinocchio(robot.standing)
+    zero = np.zeros(29)
+    motion = task_motion(model, model.model.createData(), stand, zero, zero)
+    force = np.zeros((2, 6))
+    force[:, 2] = 300.0
+    targets = Targets(
+        motion=motion,
+        q=stand[7:],
+        v=zero[6:],
+        a=zero[6:],
+        load=load,
+        force=force,
+        planned=True,
+        anchor_p=motion.p[2:],
+        anchor_R=motion.R[2:],
+    )
+    return terms, targets, q, v
+
+
+@pytest.fixture(params=[BOTH, LEFT, TOES, 0.0 * BOTH], ids=["both", "left", "toes", "flight"])
+def load(request: pytest.FixtureRequest) -> Iterator[np.ndarray]:
+    return request.param  # type: ignore[no-any-return]
+
+
+def test_tasks_accelerate_as_their_terms_say(robot: Robot, model: ControlModel) -> None:
+    rng = np.random.default_rng(1)
+    q, v = _state(robot, rng, 0.1)
+    a = rng.standard_normal(29)
+    terms = dynamics_terms(model, model.model.createData(), q, v)
+    h = 1e-6
+    data = model.model.createData()
+    before, after = (
+        task_motion(
+            model, data, pin.integrate(model.model, q, v * s + a * s * s / 2), v + a * s, 0 * a
+        )
+        for s in (-h, h)
+    )
+    np.testing.assert_allclose(
+        terms.J @ a + terms.motion.a, (after.v - before.v) / (2 * h), atol=1e-5
+    )
+    rate = terms.momentum @ a
+    com = rate[:3] / model.mass + terms.motion.com[2]
+    np.testing.assert_allclose(com, (after.com[1] - before.com[1]) / (2 * h), atol=1e-5)
+    angular = rate[3:] + terms.motion.angular[1]
+    np.testing.assert_allclose(angular, (after.angular[0] - before.angular[0]) / (2 * h), atol=1e-5)
+    np.testing.assert_allclose(terms.J @ v, terms.motion.v, atol=1e-12)
+
+
+def test_solution_meets_the_kkt_conditions(
+    robot: Robot, model: ControlModel, load: np.ndarray
+) -> None:
+    terms, targets, _, _ = _problem(robot, model, load, seed=2)
+    qp = build_qp(model, terms, targets, tuning(model, OPTIONS))
+    solution = solve_qp(qp, "daqp")
+    assert solution.found
+    x = solution.x
+    slack = np.concatenate([qp.h - qp.G @ x, qp.ub - x, x - qp.lb])
+    assert slack.min() > -1e-6
+    # Stationarity with multipliers z ≥ 0 of the active rows only: a nonnegative least squares.
+    rows = np.concatenate([qp.G, np.eye(x.size), -np.eye(x.size)])[slack < 1e-6]
+    gradient = qp.P @ x + qp.q
+    residual = nnls(rows.T, -gradient)[1] if len(rows) else np.linalg.norm(gradient)
+    assert residual < 1e-4 * max(1.0, float(np.linalg.norm(qp.q)))
+
+
+def test_torque_is_drakes_inverse_dynamics(
+    robot: Robot, model: ControlModel, load: np.ndarray
+) -> None:
+    terms, targets, q, v = _problem(robot, model, load, seed=3)
+    solution = solve_qp(build_qp(model, terms, targets, tuning(model, OPTIONS)), "daqp")
+    wrench, a = foot_wrench_from(solution), acceleration_from(solution)
+
+    plant = MultibodyPlant(0.002)
+    instance = robot.add_to_plant(plant, collision=False)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    q_drake = robot.to_drake(q)
+    v_drake = robot.v_to_drake(q_drake, v)
+    plant.SetPositions(context, instance, q_drake)
+    plant.SetVelocities(context, instance, v_drake)
+    forces = MultibodyForces(plant)
+    plant.CalcForceElementsContribution(context, forces)  # gravity and joint damping
+    for foot, name in enumerate(FEET):
+        spec = robot.spec.feet[name]
+        plant.GetBodyByName(spec.link).AddInForce(
+            context,
+            terms.motion.R[2 + foot] @ spec.center,
+            SpatialForce(tau=wrench[foot, 3:], f=wrench[foot, :3]),
+            plant.world_frame(),
+            forces,
+        )
+    tau = plant.CalcInverseDynamics(context, robot.a_to_drake(q_drake, v_drake, a), forces)
+    np.testing.assert_allclose(tau[:6], 0.0, atol=1e-6)
+    np.testing.assert_allclose(tau[6:], torque_from(solution), atol=1e-6)
+
+
+def test_forces_stay_in_the_friction_cone_and_torques_within_limits(
+    robot: Robot, model: ControlModel, load: np.ndarray
+) -> None:
+    tuned = tuning(model, OPTIONS)
+    for seed in range(20):
+        terms, targets, _, _ = _problem(robot, model, load, seed, scale=0.1)
+        solution = solve_qp(build_qp(model, terms, targets, tuned), "daqp")
+        assert solution.found
+        qp = solution.problem
+        assert np.abs(torque_from(solution)).max() < model.effort.max() + 1e-5
+        generators = solution.x[23:].reshape(-1, 4)
+        edges = np.array([[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]], dtype=float)
+        edges[:, :2] *= OPTIONS.friction
+        force = 100.0 * generators @ edges
+        assert (np.hypot(force[:, 0], force[:, 1]) <= OPTIONS.friction * force[:, 2] + 1e-6).all()
+        wrench = foot_wrench_from(solution)
+        np.testing.assert_allclose(force.sum(axis=0), wrench[:, :3].sum(axis=0), atol=1e-6)
+        assert (wrench[load.sum(axis=1) == 0] == 0.0).all()
+        margin, _, outside = solution_quality(solution, model, OPTIONS.friction)
+        assert margin > -1e-6
+        assert outside < 1e-5
+        assert (qp.lb <= qp.ub).all()
+
+
+@pytest.mark.parametrize("solver", get_args(Solver))
+def test_solvers_agree(robot: Robot, model: ControlModel, load: np.ndarray, solver: Solver) -> None:
+    terms, targets, _, _ = _problem(robot, model, load, seed=4)
+    qp = build_qp(model, terms, targets, tuning(model, OPTIONS))
+    best, other = solve_qp(qp, "quadprog"), solve_qp(qp, solver)
+    assert other.found
+
+    def objective(x: np.ndarray) -> float:
+        return float(0.5 * x @ qp.P @ x + qp.q @ x)
+
+    assert objective(other.x) - objective(best.x) < 1e-7 * abs(objective(best.x))
+    # First-order and interior-point solvers stop where internal forces cost next to nothing.
+    near = {"osqp": 6.0, "piqp": 1.0}.get(solver, 1e-4)
+    np.testing.assert_allclose(torque_from(other), torque_from(best), atol=near)
+
+
+def test_infeasible_and_absurd_problems_are_reported_and_not_raised(
+    robot: Robot, model: ControlModel
+) -> None:
+    terms, targets, _, _ = _problem(robot, model, BOTH, seed=5)
+    tuned = tuning(model, OPTIONS)
+    qp = build_qp(model, terms, targets, tuned)
+    for solver in get_args(Solver):
+        infeasible = solve_qp(qp._replace(h=qp.h - 1e6), solver)
+        assert not infeasible.found
+        assert np.isfinite(torque_from(infeasible)).all()
+    broken = solve_qp(build_qp(model, terms._replace(h=terms.h * np.nan), targets, tuned), "daqp")
+    assert not broken.found
+    for size in (1e3, 1e6, 1e12):
+        q, _ = _state(robot, np.random.default_rng(6), 0.1)
+        wild = dynamics_terms(model, model.model.createData(), q, np.full(29, size))
+        solution = solve_qp(build_qp(model, wild, targets, tuned), "daqp")
+        assert np.isfinite(solution.x).all()
+
+
+def test_joint_limits_bound_the_accelerations(robot: Robot, model: ControlModel) -> None:
+    terms, targets, _, _ = _problem(robot, model, BOTH, seed=7)
+    knee = robot.joint_names.index("L_KNEE")
+    joints, rates = terms.joints.copy(), terms.rates.copy()
+    joints[knee], rates[knee] = model.upper[knee] - 1e-3, 2.0
+    qp = build_qp(
+        model, terms._replace(joints=joints, rates=rates), targets, tuning(model, OPTIONS)
+    )
+    horizon = OPTIONS.limit_horizon
+    ahead = joints[knee] + rates[knee] * horizon + 0.5 * qp.ub[knee] * horizon**2
+    assert ahead == pytest.approx(model.upper[knee])
