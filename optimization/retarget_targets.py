@@ -146,7 +146,7 @@ def make_targets(
         on_pelvis = name in ("pelvis", "left_hip", "right_hip")
         origin, turn = (key["pelvis"], pelvis) if on_pelvis else (waist, chest)
         key[name] = origin + turn @ local
-    foot_left = []
+    foot: list[Array] = []
     for side in FEET:
         for start, end, length in (
             ("hip", "knee", body.thigh),
@@ -156,25 +156,34 @@ def make_targets(
         ):
             bone = _unit(at(f"{side}_{end}") - at(f"{side}_{start}"))
             key[f"{side}_{end}"] = key[f"{side}_{start}"] + length * bone
-        foot = _foot_frame(at(f"{side}_knee"), at(f"{side}_ankle"), at(f"{side}_foot"), pelvis)
-        key[f"{side}_foot"] = key[f"{side}_ankle"] + foot @ body.toe
-        foot_left.append(foot[:, :, 1])
+        turn = _foot_frame(at(f"{side}_knee"), at(f"{side}_ankle"), at(f"{side}_foot"), pelvis)
+        key[f"{side}_foot"] = key[f"{side}_ankle"] + turn @ body.toe
+        foot.append(turn)
 
-    feet = np.stack([[key[f"{side}_ankle"], key[f"{side}_foot"]] for side in FEET])
-    shift = _root_correction(time, feet.transpose(2, 0, 1, 3), ends, body)
+    soles = np.stack(
+        [
+            key[f"{side}_ankle"][:, None] + np.einsum("tij,cj->tci", foot[f], body.corners[f])
+            for f, side in enumerate(FEET)
+        ],
+        axis=1,
+    )
+    shift = _root_correction(time, soles, ends)
     keypoints = np.stack([key[name] for name in body.keypoints], axis=1) + shift[:, None]
-    moved = feet.transpose(2, 0, 1, 3) + shift[:, None, None]
-    anchor = np.stack([_anchors(moved[:, f], ends[:, f], body, f) for f in (0, 1)], axis=1)
+    contact, anchor = footholds(soles + shift[:, None, None], ends, body.corners)
     return Targets(
         time=time,
         keypoints=keypoints,
         directions=np.stack(
-            [pelvis[:, :, 2], pelvis[:, :, 1], chest[:, :, 2], chest[:, :, 1], *foot_left], axis=1
+            [
+                *(pelvis[:, :, 2], pelvis[:, :, 1], chest[:, :, 2], chest[:, :, 1]),
+                *(turn[:, :, 1] for turn in foot),
+            ],
+            axis=1,
         ),
         pelvis=pelvis,
-        contact=ends,
+        contact=contact,
         anchor=anchor,
-        support=_support(anchor, ends, margin),
+        support=_support(anchor, contact, margin),
     )
 
 
@@ -206,61 +215,83 @@ def _foot_frame(knee: Array, ankle: Array, toe: Array, pelvis: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
-def _root_correction(time: Array, feet: Array, ends: BoolArray, body: Proportions) -> Array:
+def _root_correction(time: Array, soles: Array, ends: BoolArray) -> Array:
     """(T, 3) smooth shift of the whole body that keeps feet in contact still, at floor height.
 
     Args:
         time: (T,) [s].
-        feet: (T, 2, 2, 3) ankle and toe of each foot [m].
-        ends: (T, 2, 4) which sole corners stand.
-        body: The robot's measures.
+        soles: (T, 2, 4, 3) corners of the soles as the human's feet have them [m].
+        ends: (T, 2, 4) which of them stand.
     """
     basis = spline.basis(time, 0.2)
-    # A foot that stands on its toe pivots about it, one on its heel about the ankle.
-    pivot = np.where(ends[:, :, :1], feet[:, :, 1], feet[:, :, 0])
-    velocity = np.gradient(pivot[..., :2], time, axis=0)
-    stands = ends.any(axis=2).astype(float)
-    flat_height = np.where(ends[:, :, 0], body.ankle + body.toe[2], body.ankle)
-    too_low = flat_height - pivot[..., 2]
+    velocity = np.gradient(soles, time, axis=0)
+    weight = ends / 4.0
 
-    def solve(gradient: Array, weight: Array, derivative: int, hold: float, bend: float) -> Array:
+    def solve(pull: Array, derivative: int) -> Array:
         band = spline.zero_band(basis.points, 1)
         ones = np.ones((len(time), 1))
-        spline.add_diagonal(band, basis, weight[:, None], derivative)
-        spline.add_diagonal(band, basis, hold * ones)
-        spline.add_diagonal(band, basis, bend * ones, 2)
-        right = spline.spread_gradient(basis, np.ascontiguousarray(gradient), derivative)
+        spline.add_diagonal(band, basis, weight.sum(axis=(1, 2))[:, None], derivative)
+        spline.add_diagonal(band, basis, 1e-2 * ones)
+        spline.add_diagonal(band, basis, 1e-4 * ones, 2)
+        right = spline.spread_gradient(basis, pull, derivative)
         return spline.evaluate(basis, spline.substitute(spline.factorize(band), right))
 
-    along = -(stands[..., None] * velocity).sum(axis=1)
-    up = (stands * too_low).sum(axis=1)
-    level = solve(along, stands.sum(axis=1), 1, hold=1e-2, bend=1e-4)
-    height = solve(up[:, None], stands.sum(axis=1), 0, hold=1e-2, bend=1e-4)
-    return np.hstack([level, height])
+    along = -np.einsum("tfc,tfci->ti", weight, velocity[..., :2])
+    up = -np.einsum("tfc,tfc->t", weight, soles[..., 2])[:, None]
+    return np.hstack([solve(along, 1), solve(up, 0)])
 
 
-def _anchors(foot: Array, stands: BoolArray, body: Proportions, side: int) -> Array:
-    """(T, 4, 3) footholds of one foot's corners, one for each phase of contact.
+REACH, REACH_ALONE = 0.06, 0.12
+"""How far a human foot may stray from its foothold, also where no other foot stands [m]."""
+
+_CUT, _SHORTEST = 2, 3  # samples on both sides of a cut that go, and that a foothold needs
+
+
+def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray, Array]:
+    """Where the feet stand, and when: a foot that pivots or slides on must let go between.
 
     Args:
-        foot: (T, 2, 3) ankle and toe [m].
-        stands: (T, 4) which of its corners stand.
-        body: The robot's measures.
-        side: 0 left, 1 right.
+        soles: (T, 2, 4, 3) corners of the soles as the human's feet have them [m].
+        ends: (T, 2, 4) which of them touch the floor.
+        corners: (2, 4, 3) corners in the frame of a foot [m].
+
+    Returns:
+        (T, 2, 4) which corners stand, (T, 2, 4, 3) and where; zero where the foot does not.
     """
-    anchor = np.zeros((len(foot), 4, 3))
-    for start, stop in phases(stands.any(axis=1)):
-        ankle, toe = foot[start:stop, 0], foot[start:stop, 1]
-        # The heading is best seen where the foot is flat, and of little worth on its toe.
-        weight = np.where(stands[start:stop].all(axis=1), 1.0, 0.05)[:, None]
-        forward = (weight * _unit((toe - ankle)[:, :2])).sum(axis=0)
-        forward /= max(float(np.linalg.norm(forward)), 1e-9)
-        on_toe = stands[start:stop, :1]
-        ankle_xy = np.where(on_toe, toe[:, :2] - body.toe[0] * forward, ankle[:, :2])
-        x, y = (weight * ankle_xy).sum(axis=0) / weight.sum()
-        turn = np.array([[forward[0], -forward[1]], [forward[1], forward[0]]])
-        anchor[start:stop, :, :2] = body.corners[side, :, :2] @ turn.T + [x, y]
-    return anchor
+    contact, anchor = ends.copy(), np.zeros(soles.shape)
+    speed = np.linalg.norm(np.gradient(soles[..., :2], axis=0), axis=-1)
+    for f in (0, 1):
+        todo = phases(ends[:, f].any(axis=1))
+        while todo:
+            start, stop = todo.pop()
+            run = slice(start, stop)
+            stands = contact[run, f]
+            at = _foothold(soles[run, f], stands, corners[f])
+            stray = np.linalg.norm(soles[run, f, :, :2] - at[:, :2], axis=-1)
+            reach = np.where(contact[run, 1 - f].any(axis=1), REACH, REACH_ALONE)
+            if stop - start < _SHORTEST:
+                contact[run, f] = False
+            elif np.any((stray * stands).max(axis=1) > reach):
+                cut = start + int((speed[run, f] * stands).max(axis=1).argmax())
+                first, last = max(start, cut - _CUT), min(stop, cut + _CUT + 1)
+                contact[first:last, f] = False
+                todo += [(a, b) for a, b in ((start, first), (last, stop)) if b > a]
+            else:
+                anchor[run, f] = at
+    return contact, anchor
+
+
+def _foothold(sole: Array, stands: BoolArray, corners: Array) -> Array:
+    """(4, 3) flat corners on the floor, nearest to where a foot's standing corners (T, 4, 3) are."""
+    # The heading is best seen where the foot is flat, and of little worth on its toe.
+    weight = np.where(stands.all(axis=1), 1.0, 0.05)
+    forward = weight @ _unit((sole[:, 0] - sole[:, 3])[:, :2])
+    forward /= max(float(np.linalg.norm(forward)), 1e-9)
+    turn = np.array([[forward[0], -forward[1]], [forward[1], forward[0]]])
+    flat = corners[:, :2] @ turn.T
+    share = weight[:, None] * stands
+    center = np.einsum("tc,tci->i", share, sole[..., :2] - flat) / share.sum()
+    return np.hstack([flat + center, np.zeros((4, 1))])
 
 
 def phases(active: BoolArray) -> list[tuple[int, int]]:

@@ -1,0 +1,114 @@
+"""How well any joint trajectory meets a retargeting problem; no solver is asked."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from robomirror_drake.messages import Array
+from robomirror_drake.optimization.kinematics import (
+    Capsules,
+    Points,
+    Tree,
+    body_poses,
+    distances,
+    make_capsules,
+    make_points,
+    make_tree,
+    positions,
+)
+from robomirror_drake.optimization.retarget_targets import (
+    RATE,
+    Proportions,
+    Targets,
+    phases,
+    proportions,
+)
+from robomirror_drake.robot import FEET, Robot, rotation_matrix
+
+
+class RobotTables(NamedTuple):
+    """Everything about a robot that retargeting reads, as arrays.
+
+    Attributes:
+        tree: Its bodies.
+        keypoints: The points that follow the human's.
+        corners: The 8 sole corners, left foot first.
+        capsules: Its self-collision pairs.
+        body: Its proportions.
+        lower, upper: (J,) joint limits [rad].
+        speed: (J,) joint velocity limits [rad/s].
+    """
+
+    tree: Tree
+    keypoints: Points
+    corners: Points
+    capsules: Capsules
+    body: Proportions
+    lower: Array
+    upper: Array
+    speed: Array
+
+
+def make_tables(robot: Robot) -> RobotTables:
+    """The tables of a robot."""
+    spec = robot.spec
+    lower, upper = robot.position_limits
+    soles = [(spec.feet[f].link, corner) for f in FEET for corner in spec.feet[f].corners]
+    return RobotTables(
+        tree=make_tree(robot),
+        keypoints=make_points(robot, [(k.link, k.point) for k in spec.keypoints.values()]),
+        corners=make_points(robot, soles),
+        capsules=make_capsules(robot),
+        body=proportions(robot),
+        lower=lower,
+        upper=upper,
+        speed=robot.velocity_limits,
+    )
+
+
+def residuals(tables: RobotTables, targets: Targets, q: Array, v: Array) -> dict[str, float]:
+    """Figures of a trajectory sampled at the targets' times.
+
+    Args:
+        tables: The robot.
+        targets: What it was to follow.
+        q, v: (T, 30), (T, 29) in Drake's order.
+
+    Returns:
+        ``keypoint_error``: mean distance of keypoints from their targets [m];
+        ``stance_drift``: most that a sole corner moves over the floor from where its
+        phase of contact began [m];
+        ``penetration``: depth of a sole corner below the floor [m];
+        ``self_penetration``: depth of two capsules in each other [m];
+        ``limit_violation``: most that a joint exceeds its position [rad] or its
+        velocity [rad/s] limit, whichever figure is the greater;
+        ``jerk_rms``: root mean square of the joints' third differences [rad/s³].
+    """
+    # Without an offset the frame's orientation is the reference's.
+    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
+    R, p = body_poses(tables.tree, rotation_matrix(q[:, :4]), x)
+    corners = positions(tables.corners, R, p)
+    joints, speed = q[:, 7:], np.abs(v[:, 6:])
+    limits = (tables.lower - joints, joints - tables.upper, speed - tables.speed)
+    miss = np.linalg.norm(positions(tables.keypoints, R, p) - targets.keypoints, axis=2)
+    jerk = np.diff(joints, 3, axis=0) * RATE**3
+    return {
+        "keypoint_error": float(miss.mean()),
+        "stance_drift": _drift(corners, targets.contact.reshape(-1, 8)),
+        "penetration": max(0.0, -float(corners[..., 2].min())),
+        "self_penetration": max(0.0, -float(distances(tables.capsules, R, p).min())),
+        "limit_violation": max(0.0, *(float(excess.max()) for excess in limits)),
+        "jerk_rms": float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0,
+    }
+
+
+def _drift(corners: Array, standing: Array) -> float:
+    """Most that a corner (T, 8, 3) moves in x, y from the start of a run of ``standing``."""
+    moved = [
+        float(np.linalg.norm(corners[a:b, k, :2] - corners[a, k, :2], axis=1).max())
+        for k in range(standing.shape[1])
+        for a, b in phases(standing[:, k])
+    ]
+    return max(moved, default=0.0)

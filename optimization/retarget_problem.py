@@ -1,0 +1,168 @@
+"""The retargeting problem over the control points of one window, ready to be solved.
+
+minimise over c   Σ_t dt · frame objective(x_t)                        retarget_kernel
+                  + ½ ∫ w_p ‖q − q_stand‖² + w_a ‖ẍ‖² + w_j ‖x⃛‖² dt
+subject to        standing corners at their anchors, no corner below the floor,
+                  no two capsules in each other, joints within their limits.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.floating_base import reference_rotation
+from robomirror_drake.optimization.kinematics import Points
+from robomirror_drake.optimization.retarget_kernel import Terms
+from robomirror_drake.optimization.retarget_limits import Limits
+from robomirror_drake.optimization.retarget_metrics import RobotTables
+from robomirror_drake.optimization.retarget_options import RetargetOptions, RetargetWeights
+from robomirror_drake.optimization.retarget_targets import RATE, Targets
+
+STRIDE = 2
+"""Every how many samples the problem looks, beside those where a contact begins or ends."""
+
+
+class Problem(NamedTuple):
+    """One window's problem.
+
+    Attributes:
+        terms: What the frames are asked to do, weights times the time step.
+        basis: Basis at the frames.
+        band: Hessian of what is quadratic in the control points: posture and smoothness.
+        linear: (K, 29) its gradient at zero, negated.
+        limits: Bounds of the joints.
+        reference: (K, 4) control quaternions of the base's reference orientation.
+        spacing: Distance of the knots [s].
+        start: (K, 29) where to begin without a better guess.
+    """
+
+    terms: Terms
+    basis: spline.Basis
+    band: Array
+    linear: Array
+    limits: Limits
+    reference: Array
+    spacing: float
+    start: Array
+
+
+def make_problem(
+    tables: RobotTables,
+    standing: Array,
+    targets: Targets,
+    options: RetargetOptions,
+    reference: Array | None = None,
+) -> Problem:
+    """Poses the problem.
+
+    Args:
+        tables: The robot.
+        standing: (J,) the posture to which joints tend [rad].
+        targets: What to follow.
+        options: Weights, limits and margins.
+        reference: (k, 4) leading control quaternions to be kept, of a previous window.
+    """
+    spacing, weights = options.knot_spacing, options.weights
+    whole = spline.basis(targets.time, spacing)
+    quaternions = _reference_quaternions(whole, targets, reference)
+    picked = picked_samples(targets.contact)
+    basis = spline.basis(targets.time[picked], spacing, whole.points)
+    dt = np.gradient(targets.time[picked])[:, None]
+    support = weights.support * _slowness(targets, tables, options.slow_speed)
+    feet = np.full(2, 0.3)  # the toes see most of a foot's direction already
+    direction = weights.direction * np.concatenate([np.ones(4), feet])
+    chest = tables.keypoints.body[tables.body.keypoints.index("neck")]
+    ankles = [
+        tables.keypoints.body[tables.body.keypoints.index(f"{s}_foot")] for s in ("left", "right")
+    ]
+    up, left = np.eye(3)[2], np.eye(3)[1]
+    frames = len(picked)
+    terms = Terms(
+        tree=tables.tree,
+        reference=reference_rotation(basis, quaternions),
+        points=tables.keypoints,
+        target=np.ascontiguousarray(targets.keypoints[picked]),
+        weight=np.tile(weights.keypoint * dt, (1, len(tables.keypoints.body))),
+        directions=Points(
+            np.array([0, 0, chest, chest, *ankles]), np.array([up, left, up, left, left, left])
+        ),
+        goal=np.ascontiguousarray(targets.directions[picked]),
+        direction_weight=dt * direction,
+        corners=tables.corners,
+        anchor=targets.anchor[picked].reshape(frames, 8, 3),
+        standing=targets.contact[picked].reshape(frames, 8),
+        support=np.ascontiguousarray(targets.support[picked]),
+        support_weight=support[picked] * dt[:, 0],
+        capsules=tables.capsules,
+        margin=options.collision_margin,
+    )
+    knees = [
+        tables.keypoints.body[tables.body.keypoints.index(f"{s}_knee")] - 1
+        for s in ("left", "right")
+    ]
+    lower = tables.lower.copy()
+    lower[knees] = np.maximum(lower[knees], options.knee_min)
+    posture = np.concatenate([np.zeros(6), np.clip(standing, lower, tables.upper)])
+    band, linear = _quadratic(whole.points, spacing, weights, posture)
+    start = np.tile(posture, (whole.points, 1))
+    start[:, :3] = spline.fit(
+        whole, targets.keypoints[:, tables.body.keypoints.index("pelvis")], 1e-5
+    )
+    acceleration = np.full(len(lower), options.joint_acceleration)
+    limits = Limits(lower, tables.upper, tables.speed, acceleration)
+    return Problem(terms, basis, band, linear, limits, quaternions, spacing, start)
+
+
+def picked_samples(contact: BoolArray) -> npt.NDArray[np.int64]:
+    """Indices of the samples that the problem looks at, for contacts (T, 2, 4)."""
+    standing = contact.reshape(len(contact), -1)
+    change = np.any(standing[1:] != standing[:-1], axis=1)
+    picked = np.zeros(len(contact), bool)
+    picked[::STRIDE] = picked[-1] = True
+    picked[1:] |= change
+    picked[:-1] |= change
+    return np.flatnonzero(picked)
+
+
+def _quadratic(
+    points: int, spacing: float, weights: RetargetWeights, posture: Array
+) -> tuple[Array, Array]:
+    """Band and linear term of posture and smoothness over all the knots."""
+    n = len(posture)
+    steps = 3 * (points - spline.ORDER + 1)
+    time = (np.arange(steps) + 0.5) * spacing / 3
+    basis, dt = spline.basis(time, spacing, points), spacing / 3
+    pull = np.concatenate([np.full(6, 1e-6), np.full(n - 6, weights.posture)]) * dt
+    ones = np.ones((steps, n))
+    band = spline.zero_band(points, n)
+    spline.add_diagonal(band, basis, pull * ones)
+    spline.add_diagonal(band, basis, weights.acceleration * dt * ones, 2)
+    spline.add_diagonal(band, basis, weights.jerk * dt * ones, 3)
+    return band, spline.spread_gradient(basis, pull * posture * ones)
+
+
+def _reference_quaternions(basis: spline.Basis, targets: Targets, kept: Array | None) -> Array:
+    """(K, 4) smooth control quaternions of the pelvis' orientation; the leading ones as given."""
+    from scipy.spatial.transform import Rotation
+
+    q = Rotation.from_matrix(targets.pelvis).as_quat(scalar_first=True)
+    flips = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1, 1)]))
+    control = spline.fit(basis, q * flips[:, None], 1e-4)
+    if kept is not None:
+        count = min(len(kept), len(control))
+        sign = 1.0 if np.sum(kept[:count] * control[:count]) >= 0 else -1.0
+        control[:count] = sign * kept[:count]
+    return control
+
+
+def _slowness(targets: Targets, tables: RobotTables, speed: float) -> Array:
+    """(T,) 1 where the pelvis is at rest, 0 from ``speed`` [m/s] on."""
+    pelvis = targets.keypoints[:, tables.body.keypoints.index("pelvis")]
+    velocity = np.gradient(gaussian_filter1d(pelvis, 0.05 * RATE, axis=0), targets.time, axis=0)
+    return np.maximum(0.0, 1.0 - np.linalg.norm(velocity, axis=1) / speed)
