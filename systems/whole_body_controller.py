@@ -18,23 +18,24 @@ from pydrake.systems.framework import (
 
 from robomirror_drake.exceptions import ControllerError
 from robomirror_drake.messages import Array, RobotReference
-from robomirror_drake.optimization.dynamics_terms import control_model, dynamics_terms, task_motion
+from robomirror_drake.optimization.dynamics_terms import control_model
 from robomirror_drake.optimization.reference_trajectory import (
     ReferenceTrajectory,
     reference_trajectory,
     sample_reference,
 )
-from robomirror_drake.optimization.stance import Stance, initial_stance, update_stance
+from robomirror_drake.optimization.stance import Stance, initial_stance
+from robomirror_drake.optimization.whole_body_control import (
+    control_problem,
+    scratch,
+    solve_with_retry,
+)
 from robomirror_drake.optimization.whole_body_qp import (
     Solution,
-    Targets,
     WholeBodyOptions,
-    build_qp,
     solution_quality,
-    solve_qp,
     torque_from,
     tuning,
-    without_joint_limits,
 )
 from robomirror_drake.robot import Robot
 
@@ -95,9 +96,7 @@ class WholeBodyController(LeafSystem):
         self._options = options or ControllerOptions()
         self._model = control_model(robot)
         self._tuning = tuning(self._model, self._options.qp)
-        # Scratch space: every use overwrites what it reads.
-        self._data = self._model.model.createData()
-        self._reference_data = self._model.model.createData()
+        self._scratch = scratch(self._model)
 
         nq, nv = robot.model.nq, robot.model.nv
         joints = nv - 6
@@ -170,31 +169,19 @@ class WholeBodyController(LeafSystem):
         )
 
     def _solve(self, context: Context, state: Array, stance: Stance) -> tuple[Solution, Stance]:
-        options, model, nq = self._options, self._model, self._robot.model.nq
-        q = self._robot.to_pinocchio(state[:nq])
-        v = self._robot.v_to_pinocchio(state[:nq], state[nq:])
-        terms = dynamics_terms(model, self._data, q, v)
-        trajectory = self._trajectory_of(context)
-        now = context.get_time() - options.start
-        wanted = sample_reference(trajectory, now, options.qp.contact_ramp)
-        motion = task_motion(model, self._reference_data, wanted.q, wanted.v, wanted.a)
-        stance = update_stance(stance, terms.motion, motion, wanted.load, options.period)
-        targets = Targets(
-            motion=stance.shift(motion),
-            q=wanted.q[7:],
-            v=wanted.v[6:],
-            a=wanted.a[6:],
-            load=wanted.load,
-            force=wanted.force,
-            planned=trajectory.planned,
-            anchor_p=stance.anchor_p,
-            anchor_R=stance.anchor_R,
+        options, nq = self._options, self._robot.model.nq
+        qp, stance = control_problem(
+            self._model,
+            self._scratch,
+            self._tuning,
+            self._robot.to_pinocchio(state[:nq]),
+            self._robot.v_to_pinocchio(state[:nq], state[nq:]),
+            self._trajectory_of(context),
+            context.get_time() - options.start,
+            stance,
+            options.period,
         )
-        qp = build_qp(model, terms, targets, self._tuning)
-        solution = solve_qp(qp, options.qp.solver)
-        if not solution.found:
-            solution = solve_qp(without_joint_limits(qp), options.qp.solver)
-        return solution, stance
+        return solve_with_retry(qp, options.qp.solver), stance
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._unpack(context.get_discrete_state_vector().value()).torque)

@@ -1,0 +1,84 @@
+"""One tick of whole-body control: where robot and reference are, to a QP."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pinocchio as pin
+
+from robomirror_drake.messages import Array
+from robomirror_drake.optimization.dynamics_terms import ControlModel, dynamics_terms, task_motion
+from robomirror_drake.optimization.reference_trajectory import (
+    ReferenceTrajectory,
+    sample_reference,
+)
+from robomirror_drake.optimization.stance import Stance, update_stance
+from robomirror_drake.optimization.whole_body_qp import (
+    QP,
+    Solution,
+    Solver,
+    Targets,
+    Tuning,
+    build_qp,
+    solve_qp,
+    without_joint_limits,
+)
+
+
+class Scratch(NamedTuple):
+    """Memory that Pinocchio works in; every use overwrites what it reads."""
+
+    robot: pin.Data
+    reference: pin.Data
+
+
+def scratch(robot: ControlModel) -> Scratch:
+    """Scratch memory for a robot."""
+    return Scratch(robot.model.createData(), robot.model.createData())
+
+
+def control_problem(
+    robot: ControlModel,
+    memory: Scratch,
+    tuned: Tuning,
+    q: Array,
+    v: Array,
+    trajectory: ReferenceTrajectory,
+    time: float,
+    last: Stance,
+    period: float,
+) -> tuple[QP, Stance]:
+    """The QP of one control tick, and the stance to remember for the next.
+
+    Args:
+        robot: The model.
+        memory: From :func:`scratch`.
+        tuned: Weights and gains.
+        q, v: (30,), (29,) the robot's state, Pinocchio's order.
+        trajectory: What to follow.
+        time: Where in the trajectory [s].
+        last: The stance of the last tick.
+        period: Time since then [s].
+    """
+    terms = dynamics_terms(robot, memory.robot, q, v)
+    wanted = sample_reference(trajectory, time, tuned.options.contact_ramp)
+    motion = task_motion(robot, memory.reference, wanted.q, wanted.v, wanted.a)
+    stance = update_stance(last, terms.motion, motion, wanted.load, period)
+    targets = Targets(
+        motion=stance.shift(motion),
+        q=wanted.q[7:],
+        v=wanted.v[6:],
+        a=wanted.a[6:],
+        load=wanted.load,
+        force=wanted.force,
+        planned=trajectory.planned,
+        anchor_p=stance.anchor_p,
+        anchor_R=stance.anchor_R,
+    )
+    return build_qp(robot, terms, targets, tuned), stance
+
+
+def solve_with_retry(qp: QP, solver: Solver) -> Solution:
+    """Solves the QP, without joint limits where it has no solution with them."""
+    solution = solve_qp(qp, solver)
+    return solution if solution.found else solve_qp(without_joint_limits(qp), solver)
