@@ -62,8 +62,12 @@ def root_path(execution: Execution, outcome: Outcome) -> go.Figure:
         x, y = execution.q[np.searchsorted(execution.time, outcome.fall_time_s), 4:6]
         marker = {"color": FAULT, "symbol": "x", "size": 13}
         figure.add_scatter(x=[x], y=[y], name="fall", mode="markers", marker=marker)
-    figure.update_xaxes(title="x [m]")
-    figure.update_yaxes(title="y [m]", scaleanchor="x", scaleratio=1)
+    path = np.concatenate([execution.q[:, 4:6], execution.q_ref[:, 4:6]])
+    low, high = path.min(axis=0), path.max(axis=0)
+    half = max(0.25, 0.55 * float(np.max(high - low)))  # a robot on the spot stays a point
+    x, y = 0.5 * (low + high)
+    figure.update_xaxes(title="x [m]", range=[x - half, x + half])
+    figure.update_yaxes(title="y [m]", range=[y - half, y + half], scaleanchor="x", scaleratio=1)
     return _styled(figure, height=440)
 
 
@@ -79,7 +83,7 @@ def root_errors(execution: Execution, outcome: Outcome) -> go.Figure:
     _limit(figure, t, np.full(len(t), np.rad2deg(LEAN)), row=3)
     for row, title in enumerate(("height [m]", "distance [m]", "lean [°]"), start=1):
         figure.update_yaxes(title=title, row=row)
-    figure.update_yaxes(rangemode="tozero", row=2)
+    figure.update_yaxes(rangemode="tozero", exponentformat="none", row=2)
     figure.update_yaxes(rangemode="tozero", row=3)
     figure.update_xaxes(title="time [s]", row=3)
     return _styled(_events(figure, execution, outcome), height=440, legend=False)

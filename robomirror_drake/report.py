@@ -95,11 +95,11 @@ def _metrics(result: Result, robot: Robot) -> list[Metric]:
     lean = np.max(lean_angle(execution.q[:, :4], execution.q_ref[:, :4]))
     share = np.max(np.abs(execution.torque) / robot.effort_limits)
     return [
-        Metric("joint position error", _sub("A", "q"), f"{outcome.A_q:.4f}", "rad"),
-        Metric("joint velocity error", _sub("A", "q̇"), f"{outcome.A_qd:.3f}", "rad/s"),
-        Metric("joint acceleration error", _sub("A", "q̈"), f"{outcome.A_qdd:.2f}", "rad/s²"),
-        Metric("root position error", _sub("A", "p"), f"{outcome.A_p:.4f}", "m"),
-        Metric("root orientation error", _sub("A", "θ"), f"{outcome.A_theta:.4f}", "rad"),
+        Metric("joint position error", _sub("A", "q"), f"{outcome.A_q:.3g}", "rad"),
+        Metric("joint velocity error", _sub("A", "q̇"), f"{outcome.A_qd:.3g}", "rad/s"),
+        Metric("joint acceleration error", _sub("A", "q̈"), f"{outcome.A_qdd:.3g}", "rad/s²"),
+        Metric("root position error", _sub("A", "p"), f"{outcome.A_p:.3g}", "m"),
+        Metric("root orientation error", _sub("A", "θ"), f"{outcome.A_theta:.3g}", "rad"),
         Metric("largest drop below the reference", Markup(), f"{drop:.3f}", "m", f"{HEIGHT_DROP}"),
         Metric(
             *("largest lean from the reference", Markup(), f"{np.rad2deg(lean):.1f}", "°"),

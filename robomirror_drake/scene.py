@@ -21,11 +21,12 @@ BONE_RADIUS = 0.025
 HEAD_RADIUS = 0.09
 """[m]"""
 
-BESIDE = np.array([0.0, 1.2, 0.0])
-"""Where the human stands relative to the robot [m]."""
+HUMAN_OFFSET = np.array([0.0, -2.2, 0.0])
+REFERENCE_OFFSET = np.array([0.0, -1.1, 0.0])
+"""Where the human and the reference are drawn, so that all three stand side by side [m]."""
 
 HUMAN_COLOR = (0.24, 0.47, 0.85, 1.0)
-GHOST_COLOR = (0.35, 0.65, 0.45, 0.30)
+REFERENCE_COLOR = (0.66, 0.70, 0.74, 1.0)
 
 Color = tuple[float, float, float, float]
 
@@ -78,20 +79,22 @@ class Scene:
 
 
 def build_scene(result: Result, robot: Robot) -> Scene:
-    """The chosen human motion beside the robot executing it, with its reference as a ghost."""
+    """From left to right: the human motion, the robot's reference, the robot executing it."""
     execution = result.execution
     time = np.arange(0.0, execution.time[-1], 1.0 / FRAMES_PER_SECOND)
     samples = np.searchsorted(execution.time, time - 1e-9)
+    told = execution.q_ref[samples]
+    told[:, 4:7] += REFERENCE_OFFSET
     bodies = (
         *human_bodies(result.candidates[result.chosen], time),
         *robot_bodies(robot, execution.q[samples], "robot"),
-        *robot_bodies(robot, execution.q_ref[samples], "reference", GHOST_COLOR),
+        *robot_bodies(robot, told, "reference", REFERENCE_COLOR),
     )
     path = execution.q[samples, 4:7]
-    middle = 0.5 * (path.min(axis=0) + path.max(axis=0)) + 0.5 * BESIDE
+    middle = 0.5 * (path.min(axis=0) + path.max(axis=0)) + REFERENCE_OFFSET
     target = np.array([middle[0], middle[1], 0.8])
-    distance = 2.0 + 0.7 * float(np.linalg.norm(np.ptp(path[:, :2], axis=0)))
-    return Scene(bodies, target + distance * np.array([0.90, -0.35, 0.30]), target)
+    distance = 2.7 + 0.6 * float(np.linalg.norm(np.ptp(path[:, :2], axis=0)))
+    return Scene(bodies, target + distance * np.array([0.93, 0.25, 0.27]), target)
 
 
 def robot_bodies(robot: Robot, q: Array, path: str, color: Color | None = None) -> tuple[Body, ...]:
@@ -130,7 +133,7 @@ def robot_bodies(robot: Robot, q: Array, path: str, color: Color | None = None) 
 
 
 def human_bodies(motion: HumanMotion, time: Array) -> tuple[Body, ...]:
-    """A human motion as a figure of capsules with a ball for a head, beside the robot.
+    """A human motion as a figure of capsules with a ball for a head, off to the side.
 
     Args:
         motion: The motion; its last frame is held once it is over.
@@ -139,7 +142,7 @@ def human_bodies(motion: HumanMotion, time: Array) -> tuple[Body, ...]:
     at = np.minimum(time * motion.fps, len(motion.positions) - 1)
     low = np.minimum(at.astype(np.int64), len(motion.positions) - 2)
     share = (at - low)[:, None, None]
-    joints = (1 - share) * motion.positions[low] + share * motion.positions[low + 1] + BESIDE
+    joints = (1 - share) * motion.positions[low] + share * motion.positions[low + 1] + HUMAN_OFFSET
     bodies = []
     for name, child in INDEX.items():
         parent = PARENTS[child]

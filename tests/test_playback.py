@@ -16,7 +16,7 @@ from robomirror_drake.outcome import evaluate
 from robomirror_drake.playback import play, render_playback
 from robomirror_drake.results import Result
 from robomirror_drake.robot import load_robot, rotation_matrix
-from robomirror_drake.scene import BESIDE, build_scene, human_bodies, robot_bodies
+from robomirror_drake.scene import HUMAN_OFFSET, build_scene, human_bodies, robot_bodies
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_bones_reach_from_joint_to_joint():
             continue
         body = bodies[f"human/{name}"]
         middle = rotation_matrix(body.quaternion) @ body.meshes[0].pose[:3, 3]
-        joints = motion.positions + BESIDE
+        joints = motion.positions + HUMAN_OFFSET
         end = body.position + 2.0 * middle
         np.testing.assert_allclose(body.position, joints[:, PARENTS[child]], atol=1e-12)
         np.testing.assert_allclose(end, joints[:, child], atol=1e-9)
