@@ -21,7 +21,7 @@ def _standing(samples: int) -> np.ndarray:
     return q
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_execution() -> Callable[..., Execution]:
     """Makes a perfect, motionless execution; keyword arguments replace its fields."""
 
@@ -45,7 +45,7 @@ def make_execution() -> Callable[..., Execution]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def noisy_execution(make_execution: Callable[..., Execution]) -> Execution:
     """Two seconds of random numbers in the right shapes and of sensible size."""
     rng = np.random.default_rng(7)
@@ -66,7 +66,7 @@ def noisy_execution(make_execution: Callable[..., Execution]) -> Execution:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def candidates() -> tuple[HumanMotion, ...]:
     """Three human motions of unequal length, two of them with style parameters."""
     rng = np.random.default_rng(5)
@@ -84,7 +84,7 @@ def candidates() -> tuple[HumanMotion, ...]:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def reference() -> RobotReference:
     """Two seconds of standing with a planned share of the weight on each foot."""
     n = 121

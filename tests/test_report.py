@@ -28,7 +28,7 @@ def make_result(candidates, reference, execution) -> Result:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def html(candidates, reference, noisy_execution) -> str:
     return render_report(make_result(candidates, reference, noisy_execution), load_robot())
 
