@@ -34,7 +34,8 @@ class Problem(NamedTuple):
     Attributes:
         terms: What the frames are asked to do, weights times the time step.
         basis: Basis at the frames.
-        band: Hessian of what is quadratic in the control points: posture and smoothness.
+        quadratic: (4, K, 29) Hessian of posture and smoothness, which do not couple
+            coordinates: entry (r, k) stands between control points k and k + r.
         linear: (K, 29) its gradient at zero, negated.
         limits: Bounds of the joints.
         reference: (K, 4) control quaternions of the base's reference orientation.
@@ -44,7 +45,7 @@ class Problem(NamedTuple):
 
     terms: Terms
     basis: spline.Basis
-    band: Array
+    quadratic: Array
     linear: Array
     limits: Limits
     reference: Array
@@ -109,14 +110,14 @@ def make_problem(
     lower = tables.lower.copy()
     lower[knees] = np.maximum(lower[knees], options.knee_min)
     posture = np.concatenate([np.zeros(6), np.clip(standing, lower, tables.upper)])
-    band, linear = _quadratic(whole.points, spacing, weights, posture)
+    quadratic, linear = _quadratic(whole.points, spacing, weights, posture)
     start = np.tile(posture, (whole.points, 1))
     start[:, :3] = spline.fit(
         whole, targets.keypoints[:, tables.body.keypoints.index("pelvis")], 1e-5
     )
     acceleration = np.full(len(lower), options.joint_acceleration)
     limits = Limits(lower, tables.upper, tables.speed, acceleration)
-    return Problem(terms, basis, band, linear, limits, quaternions, spacing, start)
+    return Problem(terms, basis, quadratic, linear, limits, quaternions, spacing, start)
 
 
 def picked_samples(contact: BoolArray) -> npt.NDArray[np.int64]:
@@ -133,7 +134,7 @@ def picked_samples(contact: BoolArray) -> npt.NDArray[np.int64]:
 def _quadratic(
     points: int, spacing: float, weights: RetargetWeights, posture: Array
 ) -> tuple[Array, Array]:
-    """Band and linear term of posture and smoothness over all the knots."""
+    """Hessian and linear term of posture and smoothness over all the knots."""
     n = len(posture)
     steps = 3 * (points - spline.ORDER + 1)
     time = (np.arange(steps) + 0.5) * spacing / 3
@@ -144,7 +145,23 @@ def _quadratic(
     spline.add_diagonal(band, basis, pull * ones)
     spline.add_diagonal(band, basis, weights.acceleration * dt * ones, 2)
     spline.add_diagonal(band, basis, weights.jerk * dt * ones, 3)
-    return band, spline.spread_gradient(basis, pull * posture * ones)
+    quadratic = band.reshape(points, n, spline.ORDER, n)[..., 0].transpose(2, 0, 1)
+    return np.ascontiguousarray(quadratic), spline.spread_gradient(basis, pull * posture * ones)
+
+
+def multiply_diagonal(quadratic: Array, control: Array) -> Array:
+    """(K, n) product of a Hessian (4, K, n) that does not couple coordinates with ``control``."""
+    product = quadratic[0] * control
+    for r in range(1, spline.ORDER):
+        product[:-r] += quadratic[r, :-r] * control[r:]
+        product[r:] += quadratic[r, :-r] * control[:-r]
+    return np.asarray(product)
+
+
+def add_diagonal_band(band: Array, quadratic: Array) -> None:
+    """Adds such a Hessian to a banded one (K n, 4 n)."""
+    _, points, n = quadratic.shape
+    band.reshape(points, n, spline.ORDER, n)[..., 0] += quadratic.transpose(1, 2, 0)
 
 
 def _reference_quaternions(basis: spline.Basis, targets: Targets, kept: Array | None) -> Array:

@@ -24,7 +24,12 @@ from robomirror_drake.optimization.retarget_kernel import (
     normal_equations,
 )
 from robomirror_drake.optimization.retarget_limits import project
-from robomirror_drake.optimization.retarget_problem import STRIDE, Problem
+from robomirror_drake.optimization.retarget_problem import (
+    STRIDE,
+    Problem,
+    add_diagonal_band,
+    multiply_diagonal,
+)
 from robomirror_drake.optimization.retarget_targets import RATE
 
 PENALTY = 300.0
@@ -179,13 +184,14 @@ def _step(
     """One projected Gauss–Newton step: control points, the step's size, residuals there."""
     x = spline.evaluate(problem.basis, control)
     _, frames_cost, residuals, g, H = normal_equations(problem.terms, multipliers, x)
-    band = problem.band.copy()
+    band = spline.zero_band(*control.shape)
+    add_diagonal_band(band, problem.quadratic)
     spline.add_blocks(band, problem.basis, H)
     gradient = spline.spread_gradient(problem.basis, g)
-    gradient += spline.multiply(problem.band, control.ravel()).reshape(control.shape)
-    gradient -= problem.linear
-    rate_cost = _add_rates(problem, rates, control, gradient, band)
-    before = frames_cost + _quadratic_cost(problem, control) + rate_cost
+    gradient += multiply_diagonal(problem.quadratic, control) - problem.linear
+    excess = _rate_excess(problem, rates, control)
+    _add_rates(problem, *excess, gradient, band)
+    before = frames_cost + _quadratic_cost(problem, control) + _rate_cost(problem, *excess)
 
     blocked = ((control <= lower) & (gradient > 0.0)) | ((control >= upper) & (gradient < 0.0))
     start = fixed * control.shape[1]
@@ -202,7 +208,8 @@ def _step(
         _, after, trial_residuals = cost(
             problem.terms, multipliers, spline.evaluate(problem.basis, trial)
         )
-        after += _quadratic_cost(problem, trial) + _rate_cost(problem, rates, trial)
+        after += _quadratic_cost(problem, trial)
+        after += _rate_cost(problem, *_rate_excess(problem, rates, trial))
         if after <= before:
             return trial, float(np.abs(trial - control).max()), trial_residuals
         length *= 0.4
@@ -210,15 +217,16 @@ def _step(
 
 
 def _quadratic_cost(problem: Problem, control: Array) -> float:
-    product = spline.multiply(problem.band, control.ravel())
-    return float((0.5 * product - problem.linear.ravel()) @ control.ravel())
+    product = multiply_diagonal(problem.quadratic, control)
+    return float(np.sum((0.5 * product - problem.linear) * control))
 
 
 def _rate_excess(problem: Problem, rates: Rates, control: Array) -> tuple[Array, Array]:
     """What of speed and acceleration, shifted by their multipliers, is outside the bounds."""
     limits, h = problem.limits, problem.spacing
-    speed = np.diff(control[:, 6:], axis=0) / h + rates.speed / (SPEED_PENALTY * h)
-    bend = np.diff(control[:, 6:], 2, axis=0) / h**2
+    c = control[:, 6:]
+    speed = (c[1:] - c[:-1]) / h + rates.speed / (SPEED_PENALTY * h)
+    bend = (c[2:] - 2.0 * c[1:-1] + c[:-2]) / h**2
     bend += rates.acceleration / (ACCELERATION_PENALTY * h)
     return (
         speed - np.clip(speed, -limits.speed, limits.speed),
@@ -226,37 +234,35 @@ def _rate_excess(problem: Problem, rates: Rates, control: Array) -> tuple[Array,
     )
 
 
-def _rate_cost(problem: Problem, rates: Rates, control: Array) -> float:
-    speed, bend = _rate_excess(problem, rates, control)
-    weights = SPEED_PENALTY * problem.spacing, ACCELERATION_PENALTY * problem.spacing
-    return 0.5 * float(weights[0] * np.sum(speed**2) + weights[1] * np.sum(bend**2))
+def _rate_cost(problem: Problem, speed: Array, bend: Array) -> float:
+    """Cost of what :func:`_rate_excess` found."""
+    square = SPEED_PENALTY * np.vdot(speed, speed) + ACCELERATION_PENALTY * np.vdot(bend, bend)
+    return 0.5 * problem.spacing * float(square)
 
 
-def _add_rates(
-    problem: Problem, rates: Rates, control: Array, gradient: Array, band: Array
-) -> float:
-    """Adds the limits of speed and acceleration to gradient and band; returns their cost."""
-    h, n = problem.spacing, control.shape[1]
-    speed, bend = _rate_excess(problem, rates, control)
+def _add_rates(problem: Problem, speed: Array, bend: Array, gradient: Array, band: Array) -> None:
+    """Adds the limits of speed and acceleration to gradient and band."""
+    h, n = problem.spacing, gradient.shape[1]
     force, moment = SPEED_PENALTY * speed, ACCELERATION_PENALTY * bend / h
     gradient[1:, 6:] += force
     gradient[:-1, 6:] -= force
     gradient[:-2, 6:] += moment
     gradient[1:-1, 6:] -= 2.0 * moment
     gradient[2:, 6:] += moment
-    rows = band.reshape(len(control), n, -1)[:, 6:]
-    w = (SPEED_PENALTY / h) * (speed != 0.0)
-    rows[1:, :, 0] += w
-    rows[:-1, :, 0] += w
-    rows[:-1, :, n] -= w
-    w = (ACCELERATION_PENALTY / h**3) * (bend != 0.0)
-    rows[:-2, :, 0] += w
-    rows[1:-1, :, 0] += 4.0 * w
-    rows[2:, :, 0] += w
-    rows[:-2, :, n] -= 2.0 * w
-    rows[1:-1, :, n] -= 2.0 * w
-    rows[:-2, :, 2 * n] += w
-    return _rate_cost(problem, rates, control)
+    rows = band.reshape(len(gradient), n, -1)[:, 6:]
+    if speed.any():
+        w = (SPEED_PENALTY / h) * (speed != 0.0)
+        rows[1:, :, 0] += w
+        rows[:-1, :, 0] += w
+        rows[:-1, :, n] -= w
+    if bend.any():
+        w = (ACCELERATION_PENALTY / h**3) * (bend != 0.0)
+        rows[:-2, :, 0] += w
+        rows[1:-1, :, 0] += 4.0 * w
+        rows[2:, :, 0] += w
+        rows[:-2, :, n] -= 2.0 * w
+        rows[1:-1, :, n] -= 2.0 * w
+        rows[:-2, :, 2 * n] += w
 
 
 def _violation(residuals: Residuals) -> float:

@@ -24,11 +24,16 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 from scipy.linalg import lapack
+from threadpoolctl import ThreadpoolController
 
 from robomirror_drake.messages import Array
 
 ORDER = 4
 """Number of control points that act on one instant."""
+
+# A band is too narrow to share: on a busy machine, threads that wait for each other made one
+# factorization a thousand times slower.
+_BLAS = ThreadpoolController().select(user_api="blas")
 
 # Row r: coefficients of 1, u, u², u³ in the weight of the r-th control point.
 _BLEND = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6.0
@@ -150,7 +155,8 @@ def factorize(band: Array) -> Array:
     Raises:
         numpy.linalg.LinAlgError: The matrix is not positive definite.
     """
-    factor, info = lapack.dpbtrf(band.T, lower=1)
+    with _BLAS.limit(limits=1):
+        factor, info = lapack.dpbtrf(band.T, lower=1)
     if info != 0:
         raise np.linalg.LinAlgError(f"leading minor {info} is not positive definite")
     return np.asarray(factor).T
@@ -158,7 +164,8 @@ def factorize(band: Array) -> Array:
 
 def substitute(factor: Array, right: Array) -> Array:
     """Solves A x = ``right`` with A's factor from :func:`factorize`."""
-    x, _ = lapack.dpbtrs(factor.T, right, lower=1)
+    with _BLAS.limit(limits=1):
+        x, _ = lapack.dpbtrs(factor.T, right, lower=1)
     return np.asarray(x)
 
 

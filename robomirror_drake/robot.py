@@ -42,7 +42,7 @@ SOLE_SPHERE_RADIUS = 0.005
 """Radius of the contact spheres in the corners of a sole [m]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """A robot model.
 
