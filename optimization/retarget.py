@@ -1,4 +1,9 @@
-"""From a human motion to a robot's reference by trajectory optimisation (the paper's g_h2r)."""
+"""From a human motion to a robot's reference by trajectory optimisation (the paper's g_h2r).
+
+:func:`retarget` takes one motion, :func:`retarget_batch` a pool of candidates, each
+warm from its neighbour. :func:`retarget_window` is the part between: it takes
+targets that are already scaled, so that a long motion can be done window by window.
+"""
 
 from __future__ import annotations
 
@@ -10,22 +15,38 @@ import numpy as np
 
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import Array, BoolArray, HumanMotion, RobotReference
-from robomirror_drake.optimization.floating_base import Path, sample
+from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.floating_base import Path, reference_rotation, sample
+from robomirror_drake.optimization.kinematics import body_poses, positions
 from robomirror_drake.optimization.retarget_metrics import RobotTables, make_tables, residuals
 from robomirror_drake.optimization.retarget_options import RetargetOptions
 from robomirror_drake.optimization.retarget_problem import Problem, make_problem, picked_samples
 from robomirror_drake.optimization.retarget_solver import Solution, solve
-from robomirror_drake.optimization.retarget_targets import Targets, make_targets
+from robomirror_drake.optimization.retarget_targets import Targets, make_targets, phases
 from robomirror_drake.robot import Robot
 
 
+class Warm(NamedTuple):
+    """Where a solve may start from.
+
+    Attributes:
+        path: The solution of a neighbouring candidate, or of the window before.
+        shift: For the window before, by how many knots the new one begins later; the new
+            path then goes on from the old with equal position, velocity and acceleration.
+            None for a neighbour.
+    """
+
+    path: Path
+    shift: int | None = None
+
+
 class Retargeted(NamedTuple):
-    """A reference with what it was made from.
+    """A reference and what it was made from.
 
     Attributes:
         reference: The reference.
         path: Its splines, from which other solves can start.
-        targets: What it followed.
+        targets: What it followed; ``contact`` as the reference has it.
         problem: The problem that was solved.
         solution: What the solver found.
     """
@@ -37,8 +58,9 @@ class Retargeted(NamedTuple):
     solution: Solution
 
 
-@lru_cache(maxsize=4)
-def robot_tables(urdf: str, robot: Robot) -> RobotTables:
+@lru_cache(maxsize=8)
+def robot_tables(robot: Robot) -> RobotTables:
+    """The tables of a robot, worked out once."""
     return make_tables(robot)
 
 
@@ -47,31 +69,199 @@ def retarget(
     motion: HumanMotion,
     contacts: BoolArray,
     options: RetargetOptions | None = None,
-    warm: Path | None = None,
+    warm: Warm | None = None,
 ) -> Retargeted:
+    """Turns a human motion into a reference for the robot.
+
+    Args:
+        robot: The robot.
+        motion: The human motion.
+        contacts: (T, 2, 2) contact of (left, right) foot × (heel, toe) in its frames.
+        options: Weights, limits, margins and the gate.
+        warm: Where to start from.
+
+    Raises:
+        ValueError: ``contacts`` does not fit the motion.
+        RetargetingError: No reference within the gate was found.
+    """
     options = options or RetargetOptions()
-    tables = make_tables(robot)
+    targets = scale_motion(robot, motion, contacts, options)
+    return retarget_window(robot, targets, options, warm, motion.text, motion.source)
+
+
+def retarget_batch(
+    robot: Robot,
+    motions: Sequence[HumanMotion],
+    contacts: Sequence[BoolArray],
+    options: RetargetOptions | None = None,
+) -> tuple[Retargeted | RetargetingError, ...]:
+    """Retargets candidates, each from its neighbour's solution, and reports those that fail.
+
+    A candidate whose warm start leads nowhere is solved again from nothing.
+    """
+    results: list[Retargeted | RetargetingError] = []
+    warm: Warm | None = None
+    for motion, labels in zip(motions, contacts, strict=True):
+        try:
+            result = retarget(robot, motion, labels, options, warm)
+        except RetargetingError as error:
+            results.append(error)
+        else:
+            results.append(result)
+            warm = Warm(result.path)
+    return tuple(results)
+
+
+def scale_motion(
+    robot: Robot, motion: HumanMotion, contacts: BoolArray, options: RetargetOptions
+) -> Targets:
+    """The motion in the robot's proportions; slice it with :func:`window_of` for windows.
+
+    Raises:
+        ValueError: ``contacts`` does not fit the motion.
+        RetargetingError: The human has no legs to be scaled by.
+    """
+    if np.shape(contacts) != (len(motion.positions), 2, 2):
+        raise ValueError(
+            f"contacts has shape {np.shape(contacts)}, expected {(len(motion.positions), 2, 2)}"
+        )
+    tables = robot_tables(robot)
     targets = make_targets(tables.body, motion, contacts, options.support_margin)
-    return _solve(robot, tables, targets, motion, options, warm)
+    if not np.isfinite(targets.keypoints).all():
+        raise RetargetingError(
+            _name(motion.text, motion.source), {"leg_length": 0.0}, ["leg_length"]
+        )
+    return targets
 
 
-def _solve(robot, tables, targets, motion, options, warm):
-    problem = make_problem(tables, robot.standing[7:], targets, options)
+def window_of(targets: Targets, start: int, stop: int) -> Targets:
+    """Samples ``start`` to ``stop`` (exclusive) of targets, with time from 0 again."""
+    part = slice(start, stop)
+    return Targets(
+        time=targets.time[part] - targets.time[start],
+        keypoints=targets.keypoints[part],
+        directions=targets.directions[part],
+        pelvis=targets.pelvis[part],
+        contact=targets.contact[part],
+        anchor=targets.anchor[part],
+        support=targets.support[part],
+    )
+
+
+def retarget_window(
+    robot: Robot,
+    targets: Targets,
+    options: RetargetOptions,
+    warm: Warm | None = None,
+    text: str = "",
+    source: str = "",
+) -> Retargeted:
+    """Solves for targets that are already scaled.
+
+    Where a warm start does not lead within the gate, and where a cold one does not in the
+    given number of iterations, the solve is repeated from nothing with more of them.
+
+    Raises:
+        RetargetingError: No reference within the gate was found.
+    """
+    tables = robot_tables(robot)
+    if warm is not None and warm.shift is not None:
+        targets = _carry_footholds(tables, targets, warm)
+    # What goes on from a window before has to start where that one is; a neighbour is a hint.
+    again = warm if warm is not None and warm.shift is not None else None
+    for start, factor in ((warm, 1), (again, 2)):
+        iterations = factor * options.iterations
+        result = _solve(robot, targets, options, start, iterations, text, source)
+        figures, gate = result.reference.residuals, options.gate.model_dump()
+        exceeded = [name for name, most in gate.items() if figures[name] > most]
+        if not exceeded:
+            return result
+    raise RetargetingError(_name(text, source), figures, exceeded)
+
+
+def _name(text: str, source: str) -> str:
+    return source or text or "without a name"
+
+
+def _solve(
+    robot: Robot,
+    targets: Targets,
+    options: RetargetOptions,
+    warm: Warm | None,
+    iterations: int,
+    text: str,
+    source: str,
+) -> Retargeted:
+    tables = robot_tables(robot)
+    fixed, kept = 0, None
+    if warm is not None and warm.shift is not None:
+        fixed = spline.ORDER - 1
+        kept = warm.path.reference[warm.shift : warm.shift + fixed]
+    problem = make_problem(tables, robot.standing[7:], targets, options, kept)
+    start = problem.start if warm is None else _warm_start(problem, warm)
     solution = solve(
         problem,
-        problem.start if warm is None else warm.control,
-        iterations=options.iterations,
+        start,
+        fixed=fixed,
+        iterations=iterations,
         tolerance=options.tolerance,
         warm=warm is not None,
     )
     path = Path(solution.control, problem.reference, problem.spacing)
-    q, v, a = sample(path, targets.time)
     targets = targets._replace(contact=_held(targets.contact, solution.standing))
-    figures = residuals(tables, targets, q, v)
-    ref = RobotReference(
-        targets.time, q, v, a, targets.contact, motion.text, motion.source, figures
+    motion = sample(path, targets.time)
+    figures = residuals(tables, targets, motion.q, motion.v)
+    figures["iterations"] = float(solution.iterations)
+    reference = RobotReference(
+        time=targets.time,
+        q=motion.q,
+        v=motion.v,
+        a=motion.a,
+        contact=targets.contact,
+        text=text,
+        source=source,
+        residuals=figures,
     )
-    return Retargeted(ref, path, targets, problem, solution)
+    return Retargeted(reference, path, targets, problem, solution)
+
+
+def _warm_start(problem: Problem, warm: Warm) -> Array:
+    """(K, 29) control points to start with."""
+    old, start = warm.path.control, problem.start.copy()
+    points = len(start)
+    if warm.shift is None:
+        # A neighbour moves alike in its own tempo; the path over the floor is one's own.
+        at = np.linspace(0.0, len(old) - 1.0, points)
+        before = np.minimum(at.astype(int), len(old) - 2)
+        blend = (at - before)[:, None]
+        start[:, 3:] = ((1.0 - blend) * old[before] + blend * old[before + 1])[:, 3:]
+        return start
+    moved = old[warm.shift :][:points]
+    gap = moved[-1, :3] - start[len(moved) - 1, :3]
+    start[len(moved) :, :3] += gap
+    start[len(moved) :, 3:] = moved[-1, 3:]
+    start[: len(moved)] = moved
+    return start
+
+
+def _carry_footholds(tables: RobotTables, targets: Targets, warm: Warm) -> Targets:
+    """Targets whose feet, where they stand at the start, stand where the path before has them."""
+    assert warm.shift is not None
+    path = warm.path
+    time = np.array([warm.shift * path.spacing])
+    basis = spline.basis(time, path.spacing, len(path.control))
+    R, p = body_poses(
+        tables.tree,
+        reference_rotation(basis, path.reference),
+        spline.evaluate(basis, path.control),
+    )
+    corners = positions(tables.corners, R, p).reshape(2, 4, 3) * [1.0, 1.0, 0.0]
+    anchor = targets.anchor.copy()
+    for foot in (0, 1):
+        for start, stop in phases(np.asarray(targets.contact[:, foot].any(axis=1)))[:1]:
+            if start == 0:
+                anchor[:stop, foot] = corners[foot]
+    return targets._replace(anchor=anchor)
 
 
 def _held(contact: BoolArray, standing: BoolArray) -> BoolArray:
@@ -79,4 +269,5 @@ def _held(contact: BoolArray, standing: BoolArray) -> BoolArray:
     picked = picked_samples(contact)
     after = np.searchsorted(picked, np.arange(len(contact)))
     before = np.searchsorted(picked, np.arange(len(contact)), side="right") - 1
-    return contact & (standing[before] & standing[after]).reshape(contact.shape)
+    held = contact & (standing[before] & standing[after]).reshape(contact.shape)
+    return np.asarray(held)

@@ -37,7 +37,7 @@ def excess(control: Array, limits: Limits, spacing: float) -> Array:
             limits.acceleration,
         ),
     ]
-    return np.max([(value / scale).max(axis=0) for value, scale in over], axis=0)
+    return np.asarray(np.max([(value / scale).max(axis=0) for value, scale in over], axis=0))
 
 
 def project(control: Array, limits: Limits, spacing: float, fixed: int = 0) -> Array:
@@ -70,16 +70,17 @@ def _project_joint(control: Array, limits: Limits, spacing: float, fixed: int) -
     middle, half = (limits.lower + limits.upper) / 2, inside * (limits.upper - limits.lower) / 2
     lower, upper = np.full(size, middle - half), np.full(size, middle + half)
     lower[:fixed] = upper[:fixed] = control[:fixed]
-    first = sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(size - 1, size))
-    second = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(size - 2, size))
+    first = sparse.diags([-1.0, 1.0], [0, 1], shape=(size - 1, size))
+    second = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(size - 2, size))
     G = sparse.vstack([first, -first, second, -second], format="csc")
     bounds = [limits.speed * spacing, limits.acceleration * spacing**2]
     h = inside * np.repeat(
         [bounds[0], bounds[0], bounds[1], bounds[1]], [size - 1] * 2 + [size - 2] * 2
     )
     # Rows among the fixed points alone can only be kept or broken already.
-    h = np.maximum(h, G[:, :fixed] @ control[:fixed]) if fixed >= 3 else h
-    identity = sparse.eye_array(size, format="csc")
+    if fixed:
+        h = np.maximum(h, np.asarray(G[:, :fixed] @ control[:fixed]))
+    identity = sparse.eye(size, format="csc")
     return qpsolvers.solve_qp(
         identity, -control, G, h, lb=lower, ub=upper, solver="piqp", eps_abs=1e-10, eps_rel=0.0
     )

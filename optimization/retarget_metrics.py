@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robomirror_drake.messages import Array
+from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.kinematics import (
     Capsules,
     Points,
@@ -104,7 +104,7 @@ def residuals(tables: RobotTables, targets: Targets, q: Array, v: Array) -> dict
     }
 
 
-def _drift(corners: Array, standing: Array) -> float:
+def _drift(corners: Array, standing: BoolArray) -> float:
     """Most that a corner (T, 8, 3) moves in x, y from the start of a run of ``standing``."""
     moved = [
         float(np.linalg.norm(corners[a:b, k, :2] - corners[a, k, :2], axis=1).max())

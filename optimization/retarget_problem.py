@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization import spline
@@ -166,8 +167,6 @@ def add_diagonal_band(band: Array, quadratic: Array) -> None:
 
 def _reference_quaternions(basis: spline.Basis, targets: Targets, kept: Array | None) -> Array:
     """(K, 4) smooth control quaternions of the pelvis' orientation; the leading ones as given."""
-    from scipy.spatial.transform import Rotation
-
     q = Rotation.from_matrix(targets.pelvis).as_quat(scalar_first=True)
     flips = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1, 1)]))
     control = spline.fit(basis, q * flips[:, None], 1e-4)
@@ -182,4 +181,4 @@ def _slowness(targets: Targets, tables: RobotTables, speed: float) -> Array:
     """(T,) 1 where the pelvis is at rest, 0 from ``speed`` [m/s] on."""
     pelvis = targets.keypoints[:, tables.body.keypoints.index("pelvis")]
     velocity = np.gradient(gaussian_filter1d(pelvis, 0.05 * RATE, axis=0), targets.time, axis=0)
-    return np.maximum(0.0, 1.0 - np.linalg.norm(velocity, axis=1) / speed)
+    return np.asarray(np.maximum(0.0, 1.0 - np.linalg.norm(velocity, axis=1) / speed))

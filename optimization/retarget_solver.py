@@ -148,7 +148,6 @@ def _release(problem: Problem, residuals: Residuals) -> Problem:
     outside = np.zeros((1, 4), bool)
     lands = stands & ~np.vstack([outside, stands[:-1]])
     lifts = stands & ~np.vstack([stands[1:], outside])
-    lands[0] = lifts[-1] = False
     held = stands & ~((lands | lifts) & (miss > RELEASE))
     return problem._replace(terms=problem.terms._replace(standing=np.repeat(held, 2, axis=1)))
 

@@ -19,7 +19,7 @@ from robomirror_drake.messages import Array, BoolArray, HumanMotion
 from robomirror_drake.motion.ground import ANKLE_HEIGHT, TOE_HEIGHT
 from robomirror_drake.motion.skeleton import INDEX
 from robomirror_drake.optimization import spline
-from robomirror_drake.optimization.kinematics import body_poses, body_point, make_tree
+from robomirror_drake.optimization.kinematics import body_point, body_poses, make_tree
 from robomirror_drake.robot import FEET, Robot
 
 RATE = 60.0
@@ -282,7 +282,7 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
 
 
 def _foothold(sole: Array, stands: BoolArray, corners: Array) -> Array:
-    """(4, 3) flat corners on the floor, nearest to where a foot's standing corners (T, 4, 3) are."""
+    """(4, 3) corners flat on the floor, nearest to where those that stand (T, 4, 3) are."""
     # The heading is best seen where the foot is flat, and of little worth on its toe.
     weight = np.where(stands.all(axis=1), 1.0, 0.05)
     forward = weight @ _unit((sole[:, 0] - sole[:, 3])[:, :2])
