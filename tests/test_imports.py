@@ -113,7 +113,7 @@ def test_every_import_is_declared() -> None:
         for top in {imported.split(".")[0] for imported in _imported(path)}:
             if top in sys.stdlib_module_names or top == "robomirror_drake":
                 continue
-            if not declared & {canonical(d) for d in providers.get(top, [])}:
+            if not declared & {canonical(d) for d in providers.get(top, [top])}:
                 missing.add(f"{name} imports {top}")
     assert not missing, "\n".join(sorted(missing))
 
