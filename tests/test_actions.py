@@ -6,9 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.balance import GRAVITY, center_of_mass_path
+from robomirror_drake.motion.balance import GRAVITY, angular_moment, center_of_mass_path
 from robomirror_drake.motion.body import (
     ANKLE_HEIGHT,
     LEG,
@@ -122,22 +123,28 @@ def test_knees_bend_and_never_lock(name: str, candidate: int) -> None:
 
 
 @pytest.mark.parametrize(("name", "candidate"), STYLES)
-def test_the_ground_force_acts_inside_the_soles(name: str, candidate: int) -> None:
-    """The zero-moment point of the mass stays in the box around the planted soles."""
+def test_the_zero_moment_point_stays_inside_the_soles(name: str, candidate: int) -> None:
+    """Of all body masses, limbs included, by 1 cm wherever the floor bears half the weight."""
     positions = _motion(name, candidate)
-    com = center_of_mass(positions)
+    com, limbs = center_of_mass(positions), angular_moment(positions, MASS_WEIGHTS, 1.0 / FPS)
     acceleration = np.diff(com, 2, axis=0) * FPS**2
-    down, feet = planted(positions)[1:-1], positions[1:-1][:, ANKLES, :2]
-    force = GRAVITY + acceleration[:, 2]
-    loaded = (force > 3.0) & down.any(axis=1)
-    zmp = (
-        com[1:-1, :2] - acceleration[:, :2] * (com[1:-1, 2] / np.where(loaded, force, 1.0))[:, None]
-    )
-    radius = 0.14  # from the ankle to the farthest corner of a sole
-    low = np.where(down[..., None], feet, np.inf).min(axis=1) - radius
-    high = np.where(down[..., None], feet, -np.inf).max(axis=1) + radius
-    outside = np.maximum(low - zmp, zmp - high).max(axis=1)
-    assert outside[loaded].max() < 0.02
+    weight = 1.0 + acceleration[:, 2:] / GRAVITY
+    shift = limbs[1:-1] - com[1:-1, 2:] * acceleration[:, :2] / GRAVITY
+    zmp = com[1:-1, :2] + shift / np.where(weight > 0.7, weight, 1.0)
+    down = planted(positions)[1:-1]
+    for k in np.flatnonzero((weight[:, 0] > 0.7) & down.any(axis=1)):
+        corners = np.concatenate([sole(positions[k + 1], i) for i in np.flatnonzero(down[k])])
+        edges = ConvexHull(corners).equations
+        assert (edges[:, :2] @ zmp[k] + edges[:, 2]).max() < -0.01, f"frame {k}"
+
+
+def sole(frame: Array, foot: int) -> Array:
+    """(4, 2) corners of a sole on the floor."""
+    ankle = frame[ANKLES[foot], :2]
+    ahead = frame[TOES[foot], :2] - ankle
+    ahead /= np.linalg.norm(ahead)
+    left = np.array([-ahead[1], ahead[0]])
+    return np.array([ankle + x * ahead + y * left for x in (-0.06, 0.13) for y in (-0.04, 0.04)])
 
 
 @pytest.mark.parametrize("count", [2, 4, 7])
@@ -279,8 +286,42 @@ def test_jumps_are_counted() -> None:
     assert (np.diff(airborne.astype(int)) == 1).sum() == 3
 
 
+@pytest.mark.parametrize("mirrored", [0.0, 1.0])
+@pytest.mark.parametrize("name", [name for name, action in library().items() if action.clip])
+def test_recorded_motions_fit_in(name: str, mirrored: float) -> None:
+    """Our bones, nothing below the floor, at rest in neutral stance at both ends, no jerks."""
+    positions = make(name, style=Style(mirrored=mirrored))
+    stand = make("stand")[0]
+    assert np.allclose(bone_lengths(positions), bone_lengths(stand), atol=1e-9)
+    assert positions[:, TOES, 2].min() > TOE_HEIGHT - 1e-9
+    assert positions[:, ANKLES, 2].min() > ANKLE_HEIGHT - 1e-9
+    turned = heading(positions)[-1]
+    c, s = np.cos(turned), np.sin(turned)
+    back = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    assert np.allclose(positions[0], stand, atol=1e-6)
+    assert np.allclose((positions[-1] - positions[-1, 0]) @ back, stand - stand[0], atol=1e-6)
+    for ends in (positions[:6], positions[-6:]):
+        assert FPS * np.abs(np.diff(ends, axis=0)).max() < 1e-3
+    acceleration = np.diff(positions, 2, axis=0) * FPS**2
+    middle = 0.5 * (acceleration[2:] + acceleration[:-2])
+    assert np.abs(acceleration[1:-1] - middle).max() < 250.0  # as jerky as the recordings are
+
+
 def test_mass_fractions_are_whole() -> None:
     assert MASS_WEIGHTS.sum() == pytest.approx(1.0)
+
+
+def test_angular_moment_of_a_rigid_translation_is_nothing() -> None:
+    t = np.linspace(0.0, 1.0, 61)
+    offsets = np.random.default_rng(0).normal(size=(5, 3))
+    shift = np.stack([t**2, np.sin(t), 0.0 * t], axis=1)
+    moment = angular_moment(offsets + shift[:, None], np.full(5, 0.2), t[1])
+    assert np.abs(moment).max() < 1e-12
+    turning = (
+        offsets * np.array([1.0, 1.0, 1.0 + t[30]])
+        + np.outer(t**3, [1, 0, 0])[:, None] * (offsets[:, 2:])
+    )
+    assert np.abs(angular_moment(turning, np.full(5, 0.2), t[1])).max() > 1e-3
 
 
 def test_center_of_mass_path_keeps_the_reference_zmp() -> None:
@@ -292,7 +333,7 @@ def test_center_of_mass_path_keeps_the_reference_zmp() -> None:
     score.shift_load(0.5, 3.5, 5.0)
     zmp = np.column_stack([0.1 * score.sample(t)["load"], np.zeros(n)])
     height = np.full(n, 0.9)
-    path = center_of_mass_path(zmp, height, dt)
+    path = center_of_mass_path(zmp, height, np.zeros((n, 2)), dt)
     acceleration = np.diff(path, 2, axis=0) / dt**2
     back = path[1:-1] - acceleration * (0.9 / GRAVITY)
     assert np.abs(back - zmp[1:-1]).max() < 2e-3

@@ -34,6 +34,14 @@ def test_candidates_say_where_they_come_from() -> None:
     assert nominal.fps == 60.0
 
 
+def test_recordings_are_named_in_the_provenance() -> None:
+    (motion,) = generate("does a karate kick, then walks forward two steps", 1)
+    assert "karate_kick(pybullet:kick)+walk_forward" in motion.source
+    steps = np.linalg.norm(np.diff(motion.positions, axis=0), axis=-1).max(axis=1)
+    assert 60.0 * steps.max() < 14.0  # no jump where the two meet
+    assert steps[-3:].max() < 1e-4
+
+
 def test_without_diversity_all_candidates_are_alike() -> None:
     a, b = generate("bow", 2, options=GeneratorOptions(diversity=0.0, fps=30.0))
     assert np.array_equal(a.positions, b.positions)
@@ -82,7 +90,7 @@ def test_bad_numbers_are_refused(n: int, seed: int, says: str) -> None:
 
 
 def test_a_motion_without_end_is_refused() -> None:
-    with pytest.raises(InputError, match="longest"):
+    with pytest.raises(InputError, match="at most"):
         generate(" then ".join(["walks forward 20 meters at 0.2 m/s"] * 3), 1)
 
 

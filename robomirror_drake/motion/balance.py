@@ -10,20 +10,25 @@ from robomirror_drake.messages import Array
 GRAVITY = 9.81
 
 
-def center_of_mass_path(zmp: Array, height: Array, dt: float, jerk_weight: float = 2e-6) -> Array:
+def center_of_mass_path(
+    zmp: Array, height: Array, angular: Array, dt: float, jerk_weight: float = 2e-6
+) -> Array:
     """Horizontal path of the centre of mass whose zero-moment point follows a reference.
 
     Least squares over all samples c_k of one path per horizontal axis::
 
-        min  Σ [(1 + z̈/g)(c − p) − (z/g) c̈]² + w Σ (d³c/dt³)²,   at rest over p at both ends
+        min  Σ [(1 + z̈/g)(c − p) − (z/g) c̈ + l]² + w Σ (d³c/dt³)²,   at rest over p at both ends
 
     The first term is the moment about the reference p divided by m·g: on flat ground it is the
     linear inverted pendulum (S. Kajita et al., "Biped walking pattern generation by using preview
-    control of zero-moment point", ICRA 2003), and in flight, where z̈ = −g, it asks for c̈ = 0.
+    control of zero-moment point", ICRA 2003), with what the limbs add, and in flight, where
+    z̈ = −g, it asks for c̈ = 0.
 
     Args:
         zmp: (T, 2) reference of the zero-moment point [m].
         height: (T,) height of the centre of mass above the floor [m].
+        angular: (T, 2) l, the change of angular momentum about the centre of mass as it moves
+            the zero-moment point, see :func:`angular_moment` [m].
         dt: Sampling time [s].
         jerk_weight: w [m⁻²s⁶ per m²], smoothness against exactness.
 
@@ -37,7 +42,7 @@ def center_of_mass_path(zmp: Array, height: Array, dt: float, jerk_weight: float
     # Rows of the moment: tridiagonal; of the jerk: four entries. Both fit a band of 3 above.
     spring = height / (GRAVITY * dt**2)
     moment = np.stack([-spring, weight + 2.0 * spring, -spring], axis=1)[1:-1]
-    target = (weight[:, None] * zmp)[1:-1]
+    target = (weight[:, None] * zmp - np.clip(weight, 0.0, 1.0)[:, None] * angular)[1:-1]
     jerk = np.tile(np.sqrt(jerk_weight) / dt**3 * np.array([-1.0, 3.0, -3.0, 1.0]), (n - 3, 1))
     band = np.zeros((4, n))
     rhs = np.zeros((n, 2))
@@ -55,3 +60,27 @@ def center_of_mass_path(zmp: Array, height: Array, dt: float, jerk_weight: float
     rhs[ends] += stiff * zmp[ends]
     path: Array = solveh_banded(band, rhs)
     return path
+
+
+def angular_moment(points: Array, masses: Array, dt: float) -> Array:
+    """What limbs add to the moment about the floor beside the centre of mass, per weight.
+
+    Args:
+        points: (T, n, 3) point masses [m].
+        masses: (n,) share of each in the whole, with sum 1.
+        dt: Sampling time [s].
+
+    Returns:
+        (T, 2) moment divided by m·g, as a shift of the zero-moment point along x and y [m].
+    """
+
+    def moment(p: Array) -> Array:
+        acceleration = np.zeros_like(p)
+        acceleration[1:-1] = np.diff(p, 2, axis=0) / dt**2
+        lifted = acceleration[..., 2:] / GRAVITY + 1.0
+        m: Array = lifted * p[..., :2] - p[..., 2:] * acceleration[..., :2] / GRAVITY
+        return m
+
+    com = np.einsum("j,tjk->tk", masses, points)
+    limbs: Array = np.einsum("j,tjk->tk", masses, moment(points)) - moment(com)
+    return limbs

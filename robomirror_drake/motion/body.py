@@ -64,7 +64,8 @@ def _mass_weights() -> Array:
     for proximal, distal, mass, fraction in _SEGMENTS:
         weights[INDEX[proximal]] += mass * (1.0 - fraction)
         weights[INDEX[distal]] += mass * fraction
-    return weights / weights.sum()
+    weights /= weights.sum()
+    return weights
 
 
 MASS_WEIGHTS: Array = _mass_weights()

@@ -1,14 +1,21 @@
-"""Clauses and a style become joint positions: one score, one balance, from rest to rest."""
+"""Clauses and a style become joint positions, from rest to rest.
+
+Parametric actions in a row share one score and one balance; recordings come between.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.cue import Cue, Style, hands, other
+from robomirror_drake.motion.ground import heading
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.perform import perform
+from robomirror_drake.motion.recorded import play
 from robomirror_drake.motion.score import Score
 from robomirror_drake.motion.text import Clause
 
@@ -26,20 +33,43 @@ def compose(clauses: tuple[Clause, ...], style: Style, fps: float) -> Array:
     The motion starts and ends at rest in neutral stance, facing +x with the pelvis over the origin.
 
     Raises:
-        InputError: The motion would last longer than :data:`MAX_DURATION`.
+        InputError: The motion would last longer than :data:`MAX_DURATION`, or two gestures
+            need the same arm.
     """
+    parts: list[Array] = []
     score = Score(now=REST)
     for i, clause in enumerate(clauses):
-        if not clause.accompanies:
-            gestures = _following(clauses[i + 1 :])
-            _write(score, clause, gestures, style)
+        if clause.accompanies:
+            continue
+        clip = clip_of(clause, style)
+        if clip is not None:
+            if score.now > REST:
+                parts.append(perform(score, fps))
+            parts.extend([play(clip, cue_of(clause, style), fps)] * (clause.count or 1))
+            score = Score(now=REST)
+        else:
+            _write(score, clause, _following(clauses[i + 1 :]), style)
             score.now += BETWEEN
+        _check_duration(score.now + sum(len(part) for part in parts) / fps)
     score.now += REST
-    if score.now > MAX_DURATION:
-        raise InputError(
-            f"the motion would last {score.now:.0f} s; {MAX_DURATION:.0f} s is the longest"
-        )
-    return perform(score, fps)
+    return _joined([*parts, perform(score, fps)])
+
+
+def _check_duration(duration: float) -> None:
+    if duration > MAX_DURATION:
+        raise InputError(f"the motion would last {duration:.0f} s; {MAX_DURATION:.0f} s at most")
+
+
+def _joined(parts: list[Array]) -> Array:
+    """One motion: each part begins in the neutral stance where the one before it ended."""
+    whole = parts[0]
+    for part in parts[1:]:
+        yaw = heading(whole[-1:])[0]
+        c, s = np.cos(yaw), np.sin(yaw)
+        turned = part @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        turned[..., :2] += whole[-1, 0, :2]
+        whole = np.concatenate([whole, turned[1:]])
+    return whole
 
 
 def _following(clauses: tuple[Clause, ...]) -> list[Clause]:
@@ -71,6 +101,12 @@ def _write(score: Score, clause: Clause, gestures: list[Clause], style: Style) -
         library()[gesture.action].perform(score, gesture_cue)
         end = max(end, score.now)
     score.now = end
+
+
+def clip_of(clause: Clause, style: Style) -> str | None:
+    """The recording that a clause is played from; None for a parametric action."""
+    clips = library()[clause.action].clip
+    return clips[int(style.mirrored) % len(clips)] if clips else None
 
 
 def cue_of(clause: Clause, style: Style) -> Cue:

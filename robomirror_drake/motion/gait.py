@@ -12,7 +12,7 @@ import numpy as np
 from robomirror_drake.motion.cue import Cue, other
 from robomirror_drake.motion.score import STANCE_WIDTH, Footprint, Score, ahead
 
-DOUBLE_SUPPORT = 0.28
+DOUBLE_SUPPORT = 0.25
 """Share of a step during which both feet bear weight (J. Perry, "Gait Analysis", 1992: 0.2)."""
 FIRST_SHIFT = 0.6
 """Time to bring the weight over the first stance foot, and back at the end [s]."""
@@ -85,8 +85,8 @@ def _straight(score: Score, cue: Cue, direction: float, step: float, longest: fl
 
 
 def walk_forward(score: Score, cue: Cue) -> None:
-    """Walk ahead: 4 footfalls, steps of 0.28 m at 0.4 m/s."""
-    _straight(score, cue, 1.0, step=0.28, longest=0.42, speed=0.40)
+    """Walk ahead: 4 footfalls, steps of 0.34 m at 0.4 m/s."""
+    _straight(score, cue, 1.0, step=0.34, longest=0.50, speed=0.40)
 
 
 def walk_backward(score: Score, cue: Cue) -> None:

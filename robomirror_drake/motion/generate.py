@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.messages import HumanMotion
-from robomirror_drake.motion.compose import compose
+from robomirror_drake.motion.compose import clip_of, compose
 from robomirror_drake.motion.cue import Style
 from robomirror_drake.motion.text import Clause, parse
 
@@ -58,7 +58,7 @@ def _candidate(
     text: str, clauses: tuple[Clause, ...], index: int, seed: int, options: GeneratorOptions
 ) -> HumanMotion:
     style = draw_style(seed, index, options.diversity)
-    actions = "+".join(clause.action for clause in clauses)
+    actions = "+".join(_named(clause, style) for clause in clauses)
     return HumanMotion(
         positions=compose(clauses, style, options.fps),
         fps=options.fps,
@@ -66,6 +66,12 @@ def _candidate(
         source=f"generator:{actions} seed {seed} candidate {index}",
         style=asdict(style),
     )
+
+
+def _named(clause: Clause, style: Style) -> str:
+    """The action, and the recording that it is played from."""
+    clip = clip_of(clause, style)
+    return clause.action if clip is None else f"{clause.action}(pybullet:{clip})"
 
 
 def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:

@@ -7,11 +7,12 @@ from scipy.ndimage import maximum_filter1d
 from scipy.signal.windows import hann
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.balance import center_of_mass_path
+from robomirror_drake.motion.balance import angular_moment, center_of_mass_path
 from robomirror_drake.motion.body import (
     ANKLE_HEIGHT,
     HIP_DROP,
     LEG,
+    MASS_WEIGHTS,
     MAX_LEG,
     SIDES,
     Pose,
@@ -65,12 +66,15 @@ def perform(score: Score, fps: float) -> Array:
     )
     height = pose.pelvis[:, 2].copy()
     for _ in range(PASSES):
-        com = center_of_mass(joint_positions(pose))
+        posed = joint_positions(pose)
+        com = center_of_mass(posed)
+        angular = angular_moment(posed, MASS_WEIGHTS, 1.0 / fps)
         offset = com - pose.pelvis
         pose.pelvis[:, 2] = height - channel["ballistic"] * (offset[:, 2] - offset[0, 2])
         pose.pelvis[:, 2] -= _sink(pose, fps)
         com_height = pose.pelvis[:, 2] + offset[:, 2]
-        pose.pelvis[:, :2] = center_of_mass_path(zmp, com_height, 1.0 / fps) - offset[:, :2]
+        path = center_of_mass_path(zmp, com_height, angular, 1.0 / fps)
+        pose.pelvis[:, :2] = path - offset[:, :2]
     positions = joint_positions(pose)
     positions[..., :2] -= positions[0, 0, :2]
     return positions
@@ -103,18 +107,19 @@ def _zmp_reference(foot: Array, yaw: Array, left_load: Array) -> Array:
 
 
 def _sink(pose: Pose, fps: float) -> Array:
-    """(T,) least smooth lowering of the pelvis that brings both ankles within reach [m].
-
-    A sliding maximum and a smoothing window of the same length give an upper envelope.
-    """
+    """(T,) smooth lowering of the pelvis that brings both ankles within reach [m]."""
     reach = ankle_positions(pose) - hip_positions(pose.pelvis, pose.pelvis_euler)
     across = np.sum(reach[..., :2] ** 2, axis=-1)
     allowed = np.sqrt(np.maximum(MAX_LEG**2 - across, 0.0))
     on_floor = pose.foot[..., 2] < ANKLE_HEIGHT + LOW_SWING
     need = np.where(on_floor, np.maximum(-reach[..., 2] - allowed, 0.0), 0.0).max(axis=1)
-    frames = 2 * round(0.5 * REACH_WINDOW * fps) + 1
-    envelope = maximum_filter1d(need, frames, mode="nearest")
+    return upper_envelope(need, 2 * round(0.5 * REACH_WINDOW * fps) + 1)
+
+
+def upper_envelope(values: Array, frames: int) -> Array:
+    """(T,) smooth curve on or above ``values`` (T,): sliding maximum, then a window as long."""
+    highest = maximum_filter1d(values, frames, mode="nearest")
     window = hann(frames + 2)[1:-1]
-    padded = np.pad(envelope, frames // 2, mode="edge")
+    padded = np.pad(highest, frames // 2, mode="edge")
     smooth: Array = np.convolve(padded, window / window.sum(), mode="valid")
     return smooth

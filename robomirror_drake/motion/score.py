@@ -112,7 +112,7 @@ class Score:
         for name, delta in (("x", to.x - was.x), ("y", to.y - was.y), ("yaw", to.yaw - was.yaw)):
             if delta:
                 self.move(
-                    f"{side}_foot_{name}", delta, start + 0.11 * duration, end - 0.11 * duration
+                    f"{side}_foot_{name}", delta, start + 0.09 * duration, end - 0.09 * duration
                 )
         self.pulse(f"{side}_foot_z", height, start, 0.5 * (start + end), end)
         # The heel leaves first; the toe is clear of the floor all the while.
