@@ -15,6 +15,7 @@ import numpy as np
 
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import Array, BoolArray, HumanMotion, RobotReference
+from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.floating_base import Path, reference_rotation, sample
 from robomirror_drake.optimization.kinematics import body_poses, positions
@@ -24,6 +25,18 @@ from robomirror_drake.optimization.retarget_problem import Problem, make_problem
 from robomirror_drake.optimization.retarget_solver import Solution, solve
 from robomirror_drake.optimization.retarget_targets import Targets, make_targets, phases
 from robomirror_drake.robot import Robot
+
+__all__ = [
+    "RetargetOptions",
+    "Retargeted",
+    "Warm",
+    "retarget",
+    "retarget_batch",
+    "retarget_solution",
+    "retarget_window",
+    "scale_motion",
+    "window_of",
+]
 
 
 class Warm(NamedTuple):
@@ -67,16 +80,17 @@ def robot_tables(robot: Robot) -> RobotTables:
 def retarget(
     robot: Robot,
     motion: HumanMotion,
-    contacts: BoolArray,
+    contacts: BoolArray | None = None,
     options: RetargetOptions | None = None,
     warm: Warm | None = None,
-) -> Retargeted:
+) -> RobotReference:
     """Turns a human motion into a reference for the robot.
 
     Args:
         robot: The robot.
         motion: The human motion.
-        contacts: (T, 2, 2) contact of (left, right) foot × (heel, toe) in its frames.
+        contacts: (T, 2, 2) contact of (left, right) foot × (heel, toe) in its frames; by
+            default what :func:`foot_contacts` reads off the motion.
         options: Weights, limits, margins and the gate.
         warm: Where to start from.
 
@@ -84,7 +98,19 @@ def retarget(
         ValueError: ``contacts`` does not fit the motion.
         RetargetingError: No reference within the gate was found.
     """
+    return retarget_solution(robot, motion, contacts, options, warm).reference
+
+
+def retarget_solution(
+    robot: Robot,
+    motion: HumanMotion,
+    contacts: BoolArray | None = None,
+    options: RetargetOptions | None = None,
+    warm: Warm | None = None,
+) -> Retargeted:
+    """As :func:`retarget`, with all that the reference was made from."""
     options = options or RetargetOptions()
+    contacts = foot_contacts(motion) if contacts is None else contacts
     targets = scale_motion(robot, motion, contacts, options)
     return retarget_window(robot, targets, options, warm, motion.text, motion.source)
 
@@ -92,18 +118,19 @@ def retarget(
 def retarget_batch(
     robot: Robot,
     motions: Sequence[HumanMotion],
-    contacts: Sequence[BoolArray],
+    contacts: Sequence[BoolArray] | None = None,
     options: RetargetOptions | None = None,
 ) -> tuple[Retargeted | RetargetingError, ...]:
     """Retargets candidates, each from its neighbour's solution, and reports those that fail.
 
     A candidate whose warm start leads nowhere is solved again from nothing.
     """
+    contacts = [foot_contacts(motion) for motion in motions] if contacts is None else contacts
     results: list[Retargeted | RetargetingError] = []
     warm: Warm | None = None
     for motion, labels in zip(motions, contacts, strict=True):
         try:
-            result = retarget(robot, motion, labels, options, warm)
+            result = retarget_solution(robot, motion, labels, options, warm)
         except RetargetingError as error:
             results.append(error)
         else:

@@ -124,7 +124,7 @@ def make_targets(
     degree = min(3, len(motion.positions) - 1)
     human = make_interp_spline(motion.time, motion.positions, k=degree)(time)
     frame = np.minimum(np.rint(time * motion.fps).astype(int), len(contacts) - 1)
-    ends = np.asarray(contacts)[frame][:, :, [1, 1, 0, 0]]  # toe corners come first
+    ends = contacts[frame][:, :, [1, 1, 0, 0]]  # toe corners come first
 
     def at(name: str) -> Array:
         return np.asarray(human[:, INDEX[name]])
@@ -261,7 +261,7 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
     contact, anchor = ends.copy(), np.zeros(soles.shape)
     speed = np.linalg.norm(np.gradient(soles[..., :2], axis=0), axis=-1)
     for f in (0, 1):
-        todo = phases(ends[:, f].any(axis=1))
+        todo = phases(np.asarray(ends[:, f].any(axis=1)))
         while todo:
             start, stop = todo.pop()
             run = slice(start, stop)
