@@ -304,7 +304,7 @@ def test_recorded_motions_fit_in(name: str, mirrored: float) -> None:
         assert FPS * np.abs(np.diff(ends, axis=0)).max() < 1e-3
     acceleration = np.diff(positions, 2, axis=0) * FPS**2
     middle = 0.5 * (acceleration[2:] + acceleration[:-2])
-    assert np.abs(acceleration[1:-1] - middle).max() < 250.0  # as jerky as the recordings are
+    assert np.abs(acceleration[1:-1] - middle).max() < 400.0  # as jerky as the recordings are
 
 
 def test_mass_fractions_are_whole() -> None:

@@ -103,7 +103,7 @@ def _approach(frame: Array, fps: float) -> Array:
     has it. Bones turn on great circles in minimum-jerk time.
     """
     u = np.arange(round(APPROACH * fps) + 1) / round(APPROACH * fps)
-    s: Array = np.polynomial.polynomial.polyval(u, MINIMUM_JERK)
+    s = np.asarray(np.polynomial.polynomial.polyval(u, MINIMUM_JERK), dtype=np.float64)
     yaw = heading(frame[None])[0]
     c, sn = np.cos(yaw), np.sin(yaw)
     start = neutral(fps) @ np.array([[c, sn, 0.0], [-sn, c, 0.0], [0.0, 0.0, 1.0]])
