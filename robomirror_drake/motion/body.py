@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.skeleton import INDEX, JOINTS, PARENTS
@@ -43,6 +42,8 @@ _TRUNK: dict[str, tuple[float, float, float]] = {
     "right_shoulder": (0.0, -0.12, 0.02),
 }
 """Offset of each joint of the trunk from its parent, in the parent's frame [m]."""
+
+_HIPS = np.array([[0.0, HIP_HALF_WIDTH, -HIP_DROP], [0.0, -HIP_HALF_WIDTH, -HIP_DROP]])
 
 _SEGMENTS: tuple[tuple[str, str, float, float], ...] = (
     ("neck", "head", 0.081, 1.0),
@@ -116,52 +117,58 @@ def joint_positions(pose: Pose) -> Array:
     """
     points = np.empty((len(pose.pelvis), len(JOINTS), 3))
     points[:, 0] = pose.pelvis
-    pelvis = _rotation(pose.pelvis_euler)
-    third = _rotation(pose.chest_euler / 3.0)
+    pelvis = rotation(pose.pelvis_euler)
+    third = rotation(pose.chest_euler / 3.0)
     frames = {"pelvis": pelvis}
     for name, below in (("spine1", "pelvis"), ("spine2", "spine1"), ("spine3", "spine2")):
-        frames[name] = frames[below] * third
+        frames[name] = frames[below] @ third
     chest = frames["spine3"]
-    frames.update({"neck": chest * _rotation(pose.head_euler)})
+    frames["neck"] = chest @ rotation(pose.head_euler)
     for name, offset in _TRUNK.items():
         parent = JOINTS[PARENTS[INDEX[name]]]
-        points[:, INDEX[name]] = points[:, INDEX[parent]] + frames.get(parent, chest).apply(offset)
+        points[:, INDEX[name]] = points[:, INDEX[parent]] + frames.get(parent, chest) @ offset
     for i, side in enumerate(SIDES):
         _pose_arm(points, side, chest, pose.arm[:, i])
         _pose_leg(points, side, pelvis, pose, i)
     return points
 
 
-def _rotation(euler: Array) -> Rotation:
-    return Rotation.from_euler("ZYX", euler)
+def about(axis: int, angle: Array) -> Array:
+    """(T, 3, 3) rotations by (T,) angles [rad] about axis 0, 1 or 2."""
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.zeros((len(angle), 3, 3))
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    matrix[:, axis, axis] = 1.0
+    matrix[:, j, j] = matrix[:, k, k] = c
+    matrix[:, k, j], matrix[:, j, k] = s, -s
+    return matrix
 
 
-def _pose_arm(points: Array, side: str, chest: Rotation, angles: Array) -> None:
+def rotation(euler: Array) -> Array:
+    """(T, 3, 3) rotations of (T, 3) yaw, pitch, roll [rad]."""
+    turned: Array = about(2, euler[:, 0]) @ about(1, euler[:, 1]) @ about(0, euler[:, 2])
+    return turned
+
+
+def _pose_arm(points: Array, side: str, chest: Array, angles: Array) -> None:
     outward = 1.0 if side == "left" else -1.0
-    flexion, abduction, rotation, elbow = angles.T
-    shoulder = chest * Rotation.from_euler(
-        "YXZ", np.stack([-flexion, outward * abduction, outward * rotation], axis=1)
-    )
-    lower = shoulder * Rotation.from_euler("Y", -elbow[:, None])
-    upper_end = points[:, INDEX[f"{side}_shoulder"]] + shoulder.apply([0.0, 0.0, -UPPER_ARM])
+    flexion, abduction, turned, elbow = angles.T
+    raised = chest @ about(1, -flexion) @ about(0, outward * abduction)
+    upper = raised @ about(2, outward * turned)
+    lower = upper @ about(1, -elbow)
+    upper_end = points[:, INDEX[f"{side}_shoulder"]] - UPPER_ARM * upper[..., 2]
     points[:, INDEX[f"{side}_elbow"]] = upper_end
-    points[:, INDEX[f"{side}_wrist"]] = upper_end + lower.apply([0.0, 0.0, -FOREARM])
+    points[:, INDEX[f"{side}_wrist"]] = upper_end - FOREARM * lower[..., 2]
 
 
-def _pose_leg(points: Array, side: str, pelvis: Rotation, pose: Pose, i: int) -> None:
+def _pose_leg(points: Array, side: str, pelvis: Array, pose: Pose, i: int) -> None:
     """Ankle from the foot's pose, knee in the plane that looks between pelvis and foot."""
-    hip = hip_positions(pose.pelvis, pose.pelvis_euler)[:, i]
-    heading = Rotation.from_euler(
-        "ZY", np.stack([pose.foot_yaw[:, i], pose.heel_rise[:, i]], axis=1)
-    )
-    flat = Rotation.from_euler("Z", pose.foot_yaw[:, i, None])
-    ankle = ankle_positions(pose)[:, i]
-    reach = ankle - hip
+    hip, reach, flat, heading = _leg(pelvis, pose, i)
     distance = np.linalg.norm(reach, axis=1, keepdims=True)
     axis = reach / distance
     distance = np.clip(distance, abs(THIGH - SHANK) + 1e-3, 0.998 * LEG)
     ankle = hip + distance * axis
-    forward = pelvis.apply([1.0, 0.0, 0.0]) + flat.apply([1.0, 0.0, 0.0])
+    forward = pelvis[..., 0] + flat[..., 0]
     # The knee bends forward and, when the thigh points forward, up.
     forward[:, 2] += 0.5
     forward -= np.sum(forward * axis, axis=1, keepdims=True) * axis
@@ -171,21 +178,18 @@ def _pose_leg(points: Array, side: str, pelvis: Rotation, pose: Pose, i: int) ->
     points[:, INDEX[f"{side}_hip"]] = hip
     points[:, INDEX[f"{side}_knee"]] = knee
     points[:, INDEX[f"{side}_ankle"]] = ankle
-    points[:, INDEX[f"{side}_foot"]] = ankle + heading.apply(ANKLE_TO_TOE)
+    points[:, INDEX[f"{side}_foot"]] = ankle + heading @ ANKLE_TO_TOE
 
 
-def hip_positions(pelvis: Array, pelvis_euler: Array) -> Array:
-    """(T, 2, 3) hip joints in world [m]."""
-    rotation = _rotation(pelvis_euler)
-    offsets = ((0.0, HIP_HALF_WIDTH, -HIP_DROP), (0.0, -HIP_HALF_WIDTH, -HIP_DROP))
-    return np.stack([pelvis + rotation.apply(offset) for offset in offsets], axis=1)
+def _leg(pelvis: Array, pose: Pose, i: int) -> tuple[Array, Array, Array, Array]:
+    """Hip (T, 3), vector from it to the ankle (T, 3), frames of the foot flat and as it is."""
+    hip = pose.pelvis + pelvis @ _HIPS[i]
+    flat = about(2, pose.foot_yaw[:, i])
+    heading = flat @ about(1, pose.heel_rise[:, i])
+    return hip, pose.foot[:, i] + (flat - heading) @ ANKLE_TO_TOE - hip, flat, heading
 
 
-def ankle_positions(pose: Pose) -> Array:
-    """(T, 2, 3) ankles in world when every foot is within reach [m]."""
-    ankles = np.empty_like(pose.foot)
-    for i in range(2):
-        flat = Rotation.from_euler("Z", pose.foot_yaw[:, i, None])
-        raised = flat * Rotation.from_euler("Y", pose.heel_rise[:, i, None])
-        ankles[:, i] = pose.foot[:, i] + flat.apply(ANKLE_TO_TOE) - raised.apply(ANKLE_TO_TOE)
-    return ankles
+def leg_vectors(pose: Pose) -> Array:
+    """(T, 2, 3) from each hip to where its ankle is wanted, whether in reach or not [m]."""
+    pelvis = rotation(pose.pelvis_euler)
+    return np.stack([_leg(pelvis, pose, i)[1] for i in range(2)], axis=1)

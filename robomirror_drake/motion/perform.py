@@ -16,10 +16,9 @@ from robomirror_drake.motion.body import (
     MAX_LEG,
     SIDES,
     Pose,
-    ankle_positions,
     center_of_mass,
-    hip_positions,
     joint_positions,
+    leg_vectors,
 )
 from robomirror_drake.motion.score import Score
 
@@ -108,7 +107,7 @@ def _zmp_reference(foot: Array, yaw: Array, left_load: Array) -> Array:
 
 def _sink(pose: Pose, fps: float) -> Array:
     """(T,) smooth lowering of the pelvis that brings both ankles within reach [m]."""
-    reach = ankle_positions(pose) - hip_positions(pose.pelvis, pose.pelvis_euler)
+    reach = leg_vectors(pose)
     across = np.sum(reach[..., :2] ** 2, axis=-1)
     allowed = np.sqrt(np.maximum(MAX_LEG**2 - across, 0.0))
     on_floor = pose.foot[..., 2] < ANKLE_HEIGHT + LOW_SWING
