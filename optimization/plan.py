@@ -52,7 +52,6 @@ def plan_dynamics(
         first_guess(padded, spacing, intervals),
         limits(robot, options),
         iterations=options.iterations,
-        anchoring=options.anchoring,
         tolerance=options.tolerance,
     )
     at_frames = rest_at_both_ends(spline.basis(padded.time, spacing, intervals + 3))

@@ -44,6 +44,25 @@ def runs(active: BoolArray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
+def steady(contact: BoolArray, shortest: int) -> BoolArray:
+    """The schedule without flicker: no swing and no support shorter than so many frames.
+
+    A foot that leaves the ground for less stays on it; one that touches it for less, while
+    the other stands, does not. No step is that quick, so that such a label is an error.
+    """
+    cleaned = contact.copy()
+    for foot in range(2):
+        for start, end in runs(np.asarray(~contact[:, foot].any(axis=1))):
+            if start > 0 and end < len(contact) and end - start < shortest:
+                cleaned[start:end, foot] = True
+    for foot in range(2):
+        for start, end in runs(np.asarray(cleaned[:, foot].any(axis=1))):
+            other = cleaned[start:end, 1 - foot].any(axis=1)
+            if start > 0 and end < len(contact) and end - start < shortest and other.all():
+                cleaned[start:end, foot] = False
+    return cleaned
+
+
 def loaded_corners(contact: BoolArray, frames: Array, reach: float) -> BoolArray:
     """(S, 2, 4) corners that may bear load at samples between the frames of a schedule.
 
@@ -111,7 +130,7 @@ def clearance(contact: BoolArray, height: float, rate: float) -> Array:
         for start, end in runs(np.asarray(~contact[:, foot].any(axis=1))):
             phase = np.arange(1, end - start + 1) / (end - start + 1)
             peak = height * min(1.0, (end - start) / rate / 0.4)
-            least[start:end, foot] = peak * np.sin(np.pi * phase)[:, None] ** 2
+            least[start:end, foot] = peak * np.sin(np.pi * phase)[:, None] ** 4
     return least
 
 

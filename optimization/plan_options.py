@@ -17,8 +17,8 @@ class PlanOptions(BaseModel):
     strength: float = Field(
         1.0, ge=0.0, le=1.0, description="share of the dynamic violation to remove; 0: no plan"
     )
-    knot_spacing: float = Field(0.1, gt=0.0, le=0.5, description="of the spline's knots [s]")
-    samples_per_knot: int = Field(4, ge=2, le=20, description="samples between two knots")
+    knot_spacing: float = Field(0.05, gt=0.0, le=0.5, description="of the spline's knots [s]")
+    samples_per_knot: int = Field(2, ge=2, le=20, description="samples between two knots")
     friction: float = Field(0.4, gt=0.0, le=2.0, description="friction coefficient planned with")
     cop_margin: float = Field(
         0.025, ge=0.0, le=0.1, description="distance of the centre of pressure from the edge [m]"
@@ -30,9 +30,11 @@ class PlanOptions(BaseModel):
     lead: float = Field(
         0.8, ge=0.0, le=5.0, description="time added where a reference is cut in mid-motion [s]"
     )
+    shortest_phase: float = Field(
+        0.12, ge=0.0, le=0.5, description="shorter swings and supports are label flicker [s]"
+    )
     iterations: int = Field(40, ge=1, le=500, description="Gauss-Newton steps at most")
-    anchoring: int = Field(6, ge=0, le=100, description="of them with anchors that follow the feet")
-    tolerance: float = Field(2e-3, gt=0.0, description="violation at which iterations may end")
+    tolerance: float = Field(1e-3, gt=0.0, description="violation at which iterations may end")
 
     def cone(self, robot: Robot) -> ConeOptions:
         """Limits of the wrench that the ground can give."""

@@ -14,6 +14,7 @@ from robomirror_drake.optimization.plan_contacts import (
     clearance,
     loaded_corners,
     outside,
+    steady,
     wrench_cones,
 )
 from robomirror_drake.optimization.plan_options import PlanOptions
@@ -84,15 +85,14 @@ def pad(reference: RobotReference, options: PlanOptions) -> Padded:
         contact[: frames // 2][:, ~reference.contact[frame].any(axis=1)] = False
         return contact
 
+    own = steady(reference.contact, round(options.shortest_phase / dt))
     before = 0 if at_rest(0) else frames
     after = 0 if at_rest(-1) else frames
     count = before + len(q) + after
     return Padded(
         time=np.arange(count, dtype=np.float64) * dt,
         q=np.concatenate([q[:1].repeat(before, 0), q, q[-1:].repeat(after, 0)]),
-        contact=np.concatenate(
-            [hold(0)[::-1][:before], reference.contact, hold(-1)[:after]], axis=0
-        ),
+        contact=np.concatenate([hold(0)[::-1][:before], own, hold(-1)[:after]], axis=0),
         kept=slice(before, before + len(q)),
     )
 

@@ -22,8 +22,8 @@ _PENALTY = {
 }
 _MULTIPLIER_LIMIT = 50.0
 _LEAST_DAMPING = 1e-4
-_DECREASE = 1e-3  # expected decrease of the cost at which iterations may end,
-_SETTLED = 1.0  # and at which multipliers are updated
+_DECREASE = 2e-2  # expected decrease of the cost at which iterations may end,
+_SETTLED = 0.1  # and at which multipliers are updated
 _BOUND_WEIGHT = 1e9  # holds a control point at its limit while the others move
 
 
@@ -78,10 +78,11 @@ def solve(
     limits: tuple[Array, Array],
     *,
     iterations: int,
-    anchoring: int,
     tolerance: float,
 ) -> Solution:
     """Solves a plan from a first guess.
+
+    Until the penalties have reached their full weight, the anchors follow the feet.
 
     Args:
         problem: The problem; its contact rows are made here.
@@ -89,21 +90,17 @@ def solve(
         control: (K, 30) first guess.
         limits: (30,), (30,) bounds of the control points, and so of the trajectory.
         iterations: Most Gauss–Newton steps.
-        anchoring: For how many of them the anchors follow the feet.
         tolerance: Constraint violation at which a small step ends the iterations.
     """
     control = np.clip(control, *limits)
     multipliers = {name: np.zeros_like(problem.rows[name].lower) for name in GROUPS}
     points = problem.target_points
-    damping = 0.0
-    for iteration in range(iterations):
-        if iteration <= anchoring:
+    damping, level, last = 0.0, 0, len(_CONTINUATION) - 1
+    for iteration in range(1, iterations + 1):
+        if level < last:
             problem = anchored(problem, standing, points)
-        if iteration == 0:
-            multipliers = {name: np.zeros_like(problem.rows[name].lower) for name in GROUPS}
-        scale = _CONTINUATION[min(iteration, len(_CONTINUATION) - 1)]
         penalty = {
-            name: Penalty(scale * stiffness, barrier)
+            name: Penalty(_CONTINUATION[level] * stiffness, barrier)
             for name, (stiffness, barrier) in _PENALTY.items()
         }
         now = problem.evaluate(control, penalty, multipliers, derivatives=True)
@@ -113,17 +110,17 @@ def solve(
             reached = problem.evaluate(trial, penalty, multipliers, derivatives=False)
             if reached.cost < now.cost:
                 control, points = trial, reached.points
-                damping = _damping_after(damping, length)
                 break
         else:
-            reached = now
-            damping = _damping_after(damping, 0.0)
-        if iteration >= len(_CONTINUATION) - 1:
-            if expected < _DECREASE and violation(problem, reached.values) < tolerance:
-                break
-            if expected < _SETTLED:
-                multipliers = _updated(problem, reached.values, multipliers, penalty)
-    return Solution(control, reached, problem, iteration + 1)
+            length, reached = 0.0, now
+        damping = _damping_after(damping, length)
+        if level < last:
+            level += length >= 0.5
+        elif expected < _DECREASE and violation(problem, reached.values) < tolerance:
+            break
+        elif expected < _SETTLED:
+            multipliers = _updated(problem, reached.values, multipliers, penalty)
+    return Solution(control, reached, problem, iteration)
 
 
 def violation(problem: Problem, values: dict[str, Array]) -> float:

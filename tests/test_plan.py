@@ -118,7 +118,7 @@ def planned(make) -> RobotReference:
 def wrench_between(plan: RobotReference, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, wrench and x at a higher rate, from a spline through the plan's samples."""
     duration = plan.duration
-    count = max(5, round(duration / 0.1))
+    count = max(5, round(duration / PlanOptions().knot_spacing))
     spacing = duration / count
     fitted = spline.fit(spline.basis(plan.time, spacing, count + 3), plan.q, smoothing=1e-12)
     time = np.arange(0.0, duration, 1 / rate)
