@@ -79,7 +79,7 @@ def bow(score: Score, cue: Cue) -> None:
 
 def raise_arms(score: Score, cue: Cue) -> None:
     """Arms forward and up over the head, held for a second, and down."""
-    raised = {"flexion": 2.75 * min(cue.amplitude, 1.05), "elbow": -0.15, "abduction": 0.05}
+    raised = {"flexion": 2.4 * min(cue.amplitude, 1.05), "elbow": -0.15, "abduction": 0.05}
     sides = hands(cue)
     time = 1.3 / cue.tempo if cue.duration is None else RAISE
     for _ in range(cue.count or 1):
