@@ -8,6 +8,8 @@ Exit codes: 0 done (the robot may have fallen: that is a result), 2 bad input,
 from __future__ import annotations
 
 import json
+import logging
+import os
 import re
 import sys
 import traceback
@@ -272,6 +274,9 @@ def _progress() -> Progress:
 
 def main() -> None:
     """Entry point: turns errors into exit codes, so that bad input shows no traceback."""
+    # The progress bars here are enough; libraries speak up only when something is wrong.
+    os.environ.setdefault("HF_HUB_DISABLE_PROGRESS_BARS", "1")
+    logging.getLogger("drake").setLevel(logging.ERROR)
     try:
         app()
     except (InputError, RetargetingError) as error:
