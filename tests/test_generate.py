@@ -76,9 +76,20 @@ def test_a_gesture_goes_along_with_the_walk() -> None:
     assert motion.positions[-1, 0, 0] == pytest.approx(plain.positions[-1, 0, 0], abs=1e-3)
 
 
-def test_two_gestures_cannot_share_an_arm() -> None:
+@pytest.mark.parametrize(
+    "text", ["walks while clapping while waving", "waves the right hand while clapping"]
+)
+def test_two_gestures_cannot_share_an_arm(text: str) -> None:
     with pytest.raises(InputError, match="already in use"):
-        generate("walks while clapping while waving", 1)
+        generate(text, 1)
+
+
+def test_two_gestures_of_different_arms_go_together() -> None:
+    (motion,) = generate("points with the right hand while waving the left hand", 1)
+    wrists = motion.positions[:, [INDEX["left_wrist"], INDEX["right_wrist"]]]
+    shoulders = motion.positions[:, [INDEX["left_shoulder"], INDEX["right_shoulder"]], 2]
+    left_up, right_out = wrists[:, 0, 2] > shoulders[:, 0], wrists[:, 1, 0] > 0.45
+    assert (left_up & right_out).any()
 
 
 @pytest.mark.parametrize(

