@@ -44,6 +44,7 @@ def compose(clauses: tuple[Clause, ...], style: Style, fps: float) -> Array:
         clip = clip_of(clause, style)
         if clip is not None:
             if score.now > REST:
+                score.now += REST
                 parts.append(perform(score, fps))
             parts.extend([play(clip, cue_of(clause, style), fps)] * (clause.count or 1))
             score = Score(now=REST)
