@@ -276,7 +276,7 @@ def main() -> None:
     """Entry point: turns errors into exit codes, so that bad input shows no traceback."""
     # The progress bars here are enough; libraries speak up only when something is wrong.
     os.environ.setdefault("HF_HUB_DISABLE_PROGRESS_BARS", "1")
-    logging.getLogger("drake").setLevel(logging.ERROR)
+    logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.ERROR)
     try:
         app()
     except (InputError, RetargetingError) as error:
