@@ -111,7 +111,7 @@ def make_problem(
     lower = tables.lower.copy()
     lower[knees] = np.maximum(lower[knees], options.knee_min)
     posture = np.concatenate([np.zeros(6), np.clip(standing, lower, tables.upper)])
-    quadratic, linear = _quadratic(whole.points, spacing, weights, posture)
+    quadratic, linear = _quadratic(targets, whole, spacing, weights, posture)
     start = np.tile(posture, (whole.points, 1))
     start[:, :3] = spline.fit(
         whole, targets.keypoints[:, tables.body.keypoints.index("pelvis")], 1e-5
@@ -133,21 +133,41 @@ def picked_samples(contact: BoolArray) -> npt.NDArray[np.int64]:
 
 
 def _quadratic(
-    points: int, spacing: float, weights: RetargetWeights, posture: Array
+    targets: Targets, whole: spline.Basis, spacing: float, weights: RetargetWeights, posture: Array
 ) -> tuple[Array, Array]:
     """Hessian and linear term of posture and smoothness over all the knots."""
-    n = len(posture)
+    points, n = whole.points, len(posture)
     steps = 3 * (points - spline.ORDER + 1)
-    time = (np.arange(steps) + 0.5) * spacing / 3
-    basis, dt = spline.basis(time, spacing, points), spacing / 3
-    pull = np.concatenate([np.full(6, 1e-6), np.full(n - 6, weights.posture)]) * dt
-    ones = np.ones((steps, n))
-    band = spline.zero_band(points, n)
-    spline.add_diagonal(band, basis, pull * ones)
-    spline.add_diagonal(band, basis, weights.acceleration * dt * ones, 2)
-    spline.add_diagonal(band, basis, weights.jerk * dt * ones, 3)
-    quadratic = band.reshape(points, n, spline.ORDER, n)[..., 0].transpose(2, 0, 1)
-    return np.ascontiguousarray(quadratic), spline.spread_gradient(basis, pull * posture * ones)
+    dt = spacing / 3
+    basis = spline.basis((np.arange(steps) + 0.5) * dt, spacing, points)
+    pull = np.concatenate([np.full(6, 1e-6), np.full(n - 6, weights.posture)])
+    quickness = _quickness(targets, whole, basis, round(QUICK_TIME / dt))
+
+    def gram(weight: Array, derivative: int) -> Array:
+        band = spline.zero_band(points, 1)
+        spline.add_diagonal(band, basis, (weight * dt)[:, None], derivative)
+        return band.T[:, :, None]
+
+    still = gram(np.ones(steps), 0)
+    smooth = gram(np.full(steps, weights.acceleration), 2) + gram(weights.jerk / quickness**2.5, 3)
+    pulled = spline.spread_gradient(basis, np.full((steps, 1), dt)) * pull * posture
+    return still * pull + smooth, pulled
+
+
+QUICK, QUICK_TIME, SLOWEST = 100.0, 0.1, 0.3
+"""Jerk of a quick motion's keypoints [m/s³], over what time it is averaged [s], and the least
+quickness that is told from standing."""
+
+
+def _quickness(targets: Targets, whole: spline.Basis, basis: spline.Basis, window: int) -> Array:
+    """(S,) how jerky the human is around each sample, 1 where quick.
+
+    Smoothness is asked for in proportion: what blurs a punch leaves a walk ragged.
+    """
+    keypoints = targets.keypoints.reshape(len(targets.time), -1)
+    jerk = spline.evaluate(basis, spline.fit(whole, keypoints), 3)
+    square = gaussian_filter1d(3.0 * np.mean(jerk**2, axis=1), window, mode="nearest")
+    return np.asarray(np.maximum(np.sqrt(square) / QUICK, SLOWEST))
 
 
 def multiply_diagonal(quadratic: Array, control: Array) -> Array:

@@ -30,13 +30,13 @@ from robomirror_drake.optimization.retarget_problem import (
     add_diagonal_band,
     multiply_diagonal,
 )
-from robomirror_drake.optimization.retarget_targets import RATE
+from robomirror_drake.optimization.retarget_targets import RATE, let_go
 
 PENALTY = 300.0
 """Of a metre's violation, against a keypoint's weight of 1 [1/m²]."""
 
 SPEED_PENALTY, ACCELERATION_PENALTY = 1.0, 1e-3
-SOFT_ITERATIONS, SOFTNESS = 3, 0.1
+SOFT_ITERATIONS, SOFTNESS, HARDNESS = 3, 0.1, 5.0
 SMALL_STEP = 0.1
 """Largest change of a control point after which multipliers move [m or rad]."""
 
@@ -46,7 +46,7 @@ LARGEST_FORCE = 10.0
 DEADBAND = 5e-4
 """Of stance, below which its multipliers rest: splines cannot stand still exactly [m]."""
 
-RELEASE, RELEASE_AFTER = 4e-3, 6
+RELEASE, RELEASE_AFTER = 4e-3, 5
 """Where a foot still misses its foothold by this much [m] as it lands or lifts, after so many
 iterations, the contact begins later or ends earlier."""
 
@@ -115,10 +115,10 @@ def solve(
     multipliers = Multipliers(*zero, *[PENALTY * dt] * 3)
     best, best_standing, least = control, problem.terms.standing, np.inf
     step = violation = np.inf
-    taken = 0
+    taken, hard = 0, False
     for taken in range(1, iterations + 1):
         soft = not warm and taken <= SOFT_ITERATIONS
-        rho = PENALTY * dt * (SOFTNESS if soft else 1.0)
+        rho = PENALTY * dt * (SOFTNESS if soft else HARDNESS if hard else 1.0)
         multipliers = multipliers._replace(
             stance_penalty=rho, floor_penalty=rho, collision_penalty=rho
         )
@@ -132,6 +132,7 @@ def solve(
             if taken >= RELEASE_AFTER:
                 problem = _release(problem, residuals)
             multipliers, rates = _update(problem, multipliers, rates, residuals, control, dt)
+            hard = True
     limited = best.copy()
     limited[:, 6:] = project(best[:, 6:], problem.limits, problem.spacing, fixed)
     return Solution(
@@ -143,13 +144,10 @@ def solve(
 def _release(problem: Problem, residuals: Residuals) -> Problem:
     """Lets go of a toe or heel at the ends of its contact where it misses its foothold."""
     standing = problem.terms.standing
-    miss = np.linalg.norm(residuals.stance, axis=2).reshape(len(standing), 4, 2).max(axis=2)
-    stands = standing[:, ::2]
-    outside = np.zeros((1, 4), bool)
-    lands = stands & ~np.vstack([outside, stands[:-1]])
-    lifts = stands & ~np.vstack([stands[1:], outside])
-    held = stands & ~((lands | lifts) & (miss > RELEASE))
-    return problem._replace(terms=problem.terms._replace(standing=np.repeat(held, 2, axis=1)))
+    miss = np.linalg.norm(residuals.stance, axis=2).reshape(-1, 2, 2, 2).max(axis=3)
+    held = let_go(standing.reshape(-1, 2, 2, 2)[..., 0], miss, RELEASE)
+    standing = np.repeat(held.reshape(-1, 4), 2, axis=1)
+    return problem._replace(terms=problem.terms._replace(standing=standing))
 
 
 def objective(problem: Problem, control: Array) -> float:

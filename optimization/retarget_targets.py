@@ -244,6 +244,9 @@ def _root_correction(time: Array, soles: Array, ends: BoolArray) -> Array:
 REACH, REACH_ALONE = 0.06, 0.12
 """How far a human foot may stray from its foothold, also where no other foot stands [m]."""
 
+LANDED = 0.025
+"""How near its foothold a human foot has to be to have landed, or not to have left [m]."""
+
 _CUT, _SHORTEST = 2, 3  # samples on both sides of a cut that go, and that a foothold needs
 
 
@@ -258,7 +261,7 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
     Returns:
         (T, 2, 4) which corners stand, (T, 2, 4, 3) and where; zero where the foot does not.
     """
-    contact, anchor = ends.copy(), np.zeros(soles.shape)
+    contact, anchor, miss = ends.copy(), np.zeros(soles.shape), np.zeros(ends.shape)
     speed = np.linalg.norm(np.gradient(soles[..., :2], axis=0), axis=-1)
     for f in (0, 1):
         todo = phases(np.asarray(ends[:, f].any(axis=1)))
@@ -277,8 +280,9 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
                 contact[first:last, f] = False
                 todo += [(a, b) for a, b in ((start, first), (last, stop)) if b > a]
             else:
+                miss[run, f] = stray
                 anchor[run, f] = at
-    return contact, anchor
+    return let_go(contact, miss, LANDED), anchor
 
 
 def _foothold(sole: Array, stands: BoolArray, corners: Array) -> Array:
@@ -292,6 +296,37 @@ def _foothold(sole: Array, stands: BoolArray, corners: Array) -> Array:
     share = weight[:, None] * stands
     center = np.einsum("tc,tci->i", share, sole[..., :2] - flat) / share.sum()
     return np.hstack([flat + center, np.zeros((4, 1))])
+
+
+DIRE = 3.0
+"""How many times worse a miss must be where letting go would leave the robot without a foot."""
+
+
+def let_go(contact: BoolArray, miss: Array, most: float) -> BoolArray:
+    """Ends contacts earlier, and begins them later, by the samples that miss their foothold.
+
+    Where one foot takes over from the other, a sample on which nothing else stands must
+    miss by more than :data:`DIRE` times as much.
+
+    Args:
+        contact: (T, 2, n) which parts of the feet stand.
+        miss: (T, 2, n) how far they are from their foothold [m].
+        most: How far is tolerated [m].
+
+    Returns:
+        (T, 2, n) the contacts that are left.
+    """
+    pieces = np.logical_and.accumulate
+    feet, left = contact.any(axis=2), contact.copy()
+    for f, part in np.ndindex(contact.shape[1:]):
+        other = feet[:, 1 - f]
+        for start, stop in phases(contact[:, f, part]):
+            wrong, dire = (miss[start:stop, f, part] > limit for limit in (most, DIRE * most))
+            shared = other[start:stop]
+            lands = wrong & (shared | ~other[max(start - 1, 0)]) | dire
+            lifts = wrong & (shared | ~other[min(stop, len(other) - 1)]) | dire
+            left[start:stop, f, part] = ~(pieces(lands) | pieces(lifts[::-1])[::-1])
+    return left
 
 
 def phases(active: BoolArray) -> list[tuple[int, int]]:
