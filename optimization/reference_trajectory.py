@@ -21,7 +21,8 @@ class ReferenceTrajectory(NamedTuple):
         v: (T, 29) velocities.
         a: (T, 29) time derivatives of v.
         force: (T, 2, 6) planned wrench about each sole's centre, world axes, [force, moment].
-        on: (T, 2, 4) when the current contact of a corner began, +inf without contact [s].
+        on: (T, 2, 4) when the current contact of a corner began, or the next one will, +inf
+            if none does [s].
         off: (T, 2, 4) when it will end, -inf without contact [s].
         planned: Whether ``force`` means something.
     """
@@ -44,6 +45,7 @@ class ReferenceSample(NamedTuple):
         q, v, a: (30,), (29,), (29,).
         force: (2, 6) planned wrench about each sole's centre, world axes, [force, moment].
         load: (2, 4) share of its full force that each corner may bear, 0 without contact.
+        wait: (2, 4) time until the next contact of a corner without one [s].
     """
 
     q: Array
@@ -51,6 +53,7 @@ class ReferenceSample(NamedTuple):
     a: Array
     force: Array
     load: Array
+    wait: Array
 
 
 def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTrajectory:
@@ -97,7 +100,8 @@ def _contact_times(time: Array, contact: np.typing.NDArray[np.bool_]) -> tuple[A
     last_free = np.maximum.accumulate(np.where(contact, -np.inf, stamps), axis=0)
     following = np.concatenate([stamps[1:], np.full((1, *contact.shape[1:]), np.inf)])
     began = np.maximum.accumulate(np.where(contact, -np.inf, following), axis=0)
-    on = np.where(contact, np.where(np.isinf(last_free), -np.inf, began), np.inf)
+    coming = np.minimum.accumulate(np.where(contact, stamps, np.inf)[::-1], axis=0)[::-1]
+    on = np.where(contact, np.where(np.isinf(last_free), -np.inf, began), coming)
     ends = np.minimum.accumulate(np.where(contact, np.inf, stamps)[::-1], axis=0)[::-1]
     return on, np.where(contact, ends, -np.inf)
 
@@ -130,9 +134,10 @@ def sample_reference(trajectory: ReferenceTrajectory, time: float, ramp: float) 
     if not inside:
         v, a = np.zeros_like(v), np.zeros_like(a)
     row = right if clamped >= samples.time[right] else right - 1
-    spent = np.minimum(time - samples.on[row], samples.off[row] - time)
-    load = np.where(samples.off[row] > -np.inf, np.clip(spent / ramp, 0.02, 1.0), 0.0)
-    return ReferenceSample(q, v, a, force, load)
+    since, left = time - samples.on[row], samples.off[row] - time
+    ramped = np.clip(np.minimum(since, left) / ramp, 0.02, 1.0)
+    load = np.where(samples.off[row] > -np.inf, ramped, 0.0)
+    return ReferenceSample(q, v, a, force, load, -since)
 
 
 @njit(cache=True)

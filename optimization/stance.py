@@ -8,39 +8,41 @@ import numpy as np
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.dynamics_terms import TaskMotion
+from robomirror_drake.optimization.reference_trajectory import ReferenceSample
 
 SHIFT_TIME = 0.15
 """Time constant with which the reference follows the feet's offset [s]."""
 
+TOUCHING, HANGING = 0.003, 0.010
+"""Height of a corner below which it bears all it may, above which it bears nothing [m]."""
+
+EARLY = 0.10
+"""How long before its planned contact a corner may touch down [s]."""
+
 
 @dataclass(frozen=True)
 class Stance:
-    """Memory of the contacts.
+    """Memory of the contacts. The floor is at z = 0.
 
     Attributes:
-        loaded: (2,) 1 where a foot was in contact at the last tick.
-        anchor_p: (2, 3) where its sole touched down [m].
-        anchor_R: (2, 3, 3) and how.
+        load: (2, 4) share of its full force that each corner may bear.
+        anchor: (2, 3) where the middle of each sole's loaded corners stands [m].
         offset: (2,) horizontal way from where the reference's feet stand to where the
             robot's do [m].
     """
 
-    loaded: Array
-    anchor_p: Array
-    anchor_R: Array
+    load: Array
+    anchor: Array
     offset: Array
 
     def pack(self) -> Array:
-        """(28,) everything in one vector."""
-        parts = (self.loaded, self.anchor_p.ravel(), self.anchor_R.ravel(), self.offset)
-        return np.concatenate(parts)
+        """(16,) everything in one vector."""
+        return np.concatenate([self.load.ravel(), self.anchor.ravel(), self.offset])
 
     @staticmethod
     def unpack(vector: Array) -> Stance:
         """The inverse of :meth:`pack`."""
-        return Stance(
-            vector[:2], vector[2:8].reshape(2, 3), vector[8:26].reshape(2, 3, 3), vector[26:28]
-        )
+        return Stance(vector[:8].reshape(2, 4), vector[8:14].reshape(2, 3), vector[14:])
 
     def shift(self, motion: TaskMotion) -> TaskMotion:
         """A reference moved by the offset, so that it stands on the robot's own feet."""
@@ -52,33 +54,57 @@ class Stance:
 
 def initial_stance() -> Stance:
     """Nothing has touched the ground yet."""
-    return Stance(np.zeros(2), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.zeros(2))
+    return Stance(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros(2))
+
+
+def bearing(load: Array, wait: Array, height: Array) -> Array:
+    """(2, 4) share of its full force that each corner may bear, where it really is.
+
+    A corner that hangs in the air bears nothing, whatever is planned; one that has come
+    down a little before its time does.
+
+    Args:
+        load: (2, 4) what the reference plans.
+        wait: (2, 4) time until the planned contact [s].
+        height: (2, 4) of the corners [m].
+    """
+    near = np.clip((HANGING - height) / (HANGING - TOUCHING), 0.0, 1.0)
+    early = (load == 0.0) & (wait > 0.0) & (wait < EARLY) & (height < 0.0)
+    return np.where(early, 0.5, load * near)
 
 
 def update_stance(
-    last: Stance, motion: TaskMotion, reference: TaskMotion, load: Array, period: float
+    last: Stance,
+    motion: TaskMotion,
+    reference: TaskMotion,
+    sample: ReferenceSample,
+    corners: Array,
+    period: float,
 ) -> Stance:
     """The stance one tick later.
 
-    A foot that begins its contact is anchored where it is, at the reference's height
-    and, like the reference, flat; the offset follows the loaded feet's with a time
-    constant, a foot that takes up its load counting in proportion.
+    A sole whose set of loaded corners has changed is anchored where it is, on the floor;
+    the offset follows the loaded feet's with a time constant, a foot that takes up its
+    load counting in proportion.
 
     Args:
         last: One tick before.
         motion, reference: Where the robot and the reference are.
-        load: (2, 4) share of its full force that each corner may bear.
+        sample: The reference now.
+        corners: (2, 4, 3) corners of the soles in their own frames [m].
         period: Time since the last tick [s].
     """
+    world = motion.p[2:, None] + corners @ motion.R[2:].transpose(0, 2, 1)
+    load = bearing(sample.load, sample.wait, world[..., 2])
+    anchor = last.anchor.copy()
+    for foot in range(2):
+        loaded = load[foot] > 0.0
+        if loaded.any() and (loaded != (last.load[foot] > 0.0)).any():
+            anchor[foot, :2] = world[foot, loaded, :2].mean(axis=0)
     share = load.mean(axis=1)
-    loaded = (share > 0.0).astype(np.float64)
-    p, R = last.anchor_p.copy(), last.anchor_R.copy()
-    for foot in np.flatnonzero(loaded > last.loaded):
-        p[foot, :2], p[foot, 2] = motion.p[2 + foot, :2], reference.p[2 + foot, 2]
-        R[foot] = motion.R[2 + foot]
     offset = last.offset
     if share.sum() > 0.0:
         apart = motion.p[2:, :2] - reference.p[2:, :2]
         follow = min(1.0, period / SHIFT_TIME)
         offset = offset + follow * (share @ apart / share.sum() - offset)
-    return Stance(loaded, p, R, offset)
+    return Stance(load, anchor, offset)

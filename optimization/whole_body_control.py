@@ -63,17 +63,16 @@ def control_problem(
     terms = dynamics_terms(robot, memory.robot, q, v)
     wanted = sample_reference(trajectory, time, tuned.options.contact_ramp)
     motion = task_motion(robot, memory.reference, wanted.q, wanted.v, wanted.a)
-    stance = update_stance(last, terms.motion, motion, wanted.load, period)
+    stance = update_stance(last, terms.motion, motion, wanted, robot.corners, period)
     targets = Targets(
         motion=stance.shift(motion),
         q=wanted.q[7:],
         v=wanted.v[6:],
         a=wanted.a[6:],
-        load=wanted.load,
+        load=stance.load,
         force=wanted.force,
         planned=trajectory.planned,
-        anchor_p=stance.anchor_p,
-        anchor_R=stance.anchor_R,
+        anchor=stance.anchor,
     )
     return build_qp(robot, terms, targets, tuned), stance
 

@@ -70,7 +70,7 @@ def contact_generators(R, corners, load, friction, corner_force):
 def task_rows(
     gains, momentum, J, mass, com, angular, R, p, v, a,
     ref_com, ref_angular, ref_R, ref_p, ref_v, ref_a,
-    corners, load, anchor_p, anchor_R,
+    corners, load, anchor,
 ):  # fmt: skip
     """The tasks as rows ``T q̈ = t`` with weights.
 
@@ -115,28 +115,27 @@ def task_rows(
                 loaded += 1
         if loaded > 0:
             middle /= loaded
-        J_k, v_k, a_k = _shift_matrix(J[k], v[k], a[k], R[k] @ middle)
+        r = R[k] @ middle
+        J_k, v_k, a_k = _shift_matrix(J[k], v[k], a[k], r)
         T[first : first + 6] = J_k
         weight, stiffness, damping = gains[6 if loaded > 0 else 5]
         w[linear] = weight
         if loaded > 0:
-            error = anchor_p[foot] + anchor_R[foot] @ middle - p[k] - R[k] @ middle
+            error = anchor[foot] - p[k] - r
             t[linear] = stiffness * error - damping * v_k[:3] - a_k[:3]
         else:
             error = ref_p[k] - p[k]
-            t[linear] = (
-                ref_a[k, :3] - a_k[:3] + stiffness * error + damping * (ref_v[k, :3] - v_k[:3])
-            )
+            rate = ref_v[k, :3] - v_k[:3]
+            t[linear] = ref_a[k, :3] - a_k[:3] + stiffness * error + damping * rate
         weight, stiffness, damping = gains[6 if loaded == 4 else 5]
         w[turning] = weight
         if loaded == 4:
-            error = rotation_error(anchor_R[foot], R[k])
-            t[turning] = stiffness * error - damping * v_k[3:] - a_k[3:]
+            tilt = np.array([R[k][1, 2], -R[k][0, 2], 0.0])  # turns the sole's normal upright
+            t[turning] = stiffness * tilt - damping * v_k[3:] - a_k[3:]
         else:
             error = rotation_error(ref_R[k], R[k])
-            t[turning] = (
-                ref_a[k, 3:] - a_k[3:] + stiffness * error + damping * (ref_v[k, 3:] - v_k[3:])
-            )
+            rate = ref_v[k, 3:] - v_k[3:]
+            t[turning] = ref_a[k, 3:] - a_k[3:] + stiffness * error + damping * rate
     return T, t, w
 
 

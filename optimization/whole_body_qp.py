@@ -113,8 +113,7 @@ class Targets(NamedTuple):
         load: (2, 4) share of its full force that each corner may bear, 0 without contact.
         force: (2, 6) planned wrench about each sole's centre, [force, moment], world axes.
         planned: Whether ``force`` means something.
-        anchor_p: (2, 3) where the soles stand [m].
-        anchor_R: (2, 3, 3) how they stand.
+        anchor: (2, 3) where the middle of each sole's loaded corners stands [m].
     """
 
     motion: TaskMotion
@@ -124,8 +123,7 @@ class Targets(NamedTuple):
     load: Array
     force: Array
     planned: bool
-    anchor_p: Array
-    anchor_R: Array
+    anchor: Array
 
 
 class Solution(NamedTuple):
@@ -195,8 +193,7 @@ def build_qp(robot: ControlModel, terms: DynamicsTerms, targets: Targets, tuned:
         *wanted,
         robot.corners,
         targets.load,
-        targets.anchor_p,
-        targets.anchor_R,
+        targets.anchor,
     )
     posture = (
         targets.a

@@ -76,8 +76,7 @@ def _problem(
         load=load,
         force=force,
         planned=True,
-        anchor_p=motion.p[2:],
-        anchor_R=motion.R[2:],
+        anchor=motion.p[2:],
     )
     return terms, targets, q, v
 
