@@ -41,7 +41,7 @@ def plan_dynamics(
     options = options or PlanOptions()
     if options.strength == 0.0:
         return reference
-    padded = pad(reference, options)
+    padded = pad(robot, reference, options)
     duration = float(padded.time[-1])
     intervals = max(5, round(duration / options.knot_spacing))
     spacing = duration / intervals

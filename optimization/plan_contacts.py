@@ -44,21 +44,29 @@ def runs(active: BoolArray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def steady(contact: BoolArray, shortest: int) -> BoolArray:
+def steady(contact: BoolArray, corners: Array, shortest: int, nearest: float) -> BoolArray:
     """The schedule without flicker: no swing and no support shorter than so many frames.
 
-    A foot that leaves the ground for less stays on it; one that touches it for less, while
-    the other stands, does not. No step is that quick, so that such a label is an error.
+    A foot that leaves the ground for less, and comes down where it was, stays on it; one that
+    touches it for less, while the other stands, does not.
+
+    Args:
+        contact: (T, 2, 4) schedule.
+        corners: (T, 2, 4, 3) sole corners in world [m].
+        shortest: Length of a phase from which on it is believed [frames].
+        nearest: Way of the foot from which on a swing is believed [m].
     """
-    cleaned = contact.copy()
+    cleaned, last = contact.copy(), len(contact)
     for foot in range(2):
         for start, end in runs(np.asarray(~contact[:, foot].any(axis=1))):
-            if start > 0 and end < len(contact) and end - start < shortest:
-                cleaned[start:end, foot] = True
+            if start > 0 and end < last and end - start < shortest:
+                way = corners[end, foot, :, :2] - corners[start - 1, foot, :, :2]
+                if np.linalg.norm(way, axis=1).max() < nearest:
+                    cleaned[start:end, foot] = True
     for foot in range(2):
         for start, end in runs(np.asarray(cleaned[:, foot].any(axis=1))):
             other = cleaned[start:end, 1 - foot].any(axis=1)
-            if start > 0 and end < len(contact) and end - start < shortest and other.all():
+            if start > 0 and end < last and end - start < shortest and other.all():
                 cleaned[start:end, foot] = False
     return cleaned
 

@@ -19,7 +19,7 @@ class PlanOptions(BaseModel):
     )
     knot_spacing: float = Field(0.05, gt=0.0, le=0.5, description="of the spline's knots [s]")
     samples_per_knot: int = Field(2, ge=2, le=20, description="samples between two knots")
-    friction: float = Field(0.4, gt=0.0, le=2.0, description="friction coefficient planned with")
+    friction: float = Field(0.35, gt=0.0, le=2.0, description="friction coefficient planned with")
     cop_margin: float = Field(
         0.025, ge=0.0, le=0.1, description="distance of the centre of pressure from the edge [m]"
     )

@@ -28,6 +28,8 @@ from robomirror_drake.optimization.plan_problem import (
 from robomirror_drake.optimization.plan_solver import Standing
 from robomirror_drake.robot import Robot
 
+_SAME_PLACE = 0.05  # a foot that comes down nearer than this has not stepped [m]
+
 
 class Padded(NamedTuple):
     """A reference with time to come from rest and to come to rest.
@@ -64,7 +66,7 @@ def time_step(reference: RobotReference) -> float:
     return float(reference.duration / len(steps))
 
 
-def pad(reference: RobotReference, options: PlanOptions) -> Padded:
+def pad(robot: Robot, reference: RobotReference, options: PlanOptions) -> Padded:
     """Adds standing time at an end where the reference moves or has a foot in the air.
 
     Raises:
@@ -85,7 +87,15 @@ def pad(reference: RobotReference, options: PlanOptions) -> Padded:
         contact[: frames // 2][:, ~reference.contact[frame].any(axis=1)] = False
         return contact
 
-    own = steady(reference.contact, round(options.shortest_phase / dt))
+    soles = Frames.of(robot)
+    still = np.zeros_like(q)
+    pose = centroidal.sample(robot.model, soles.links, q, still, still, derivatives=False)
+    own = steady(
+        reference.contact,
+        soles.points(pose.links)[:, :8].reshape(-1, 2, 4, 3),
+        round(options.shortest_phase / dt),
+        _SAME_PLACE,
+    )
     before = 0 if at_rest(0) else frames
     after = 0 if at_rest(-1) else frames
     count = before + len(q) + after
@@ -127,7 +137,12 @@ def problem(
         robot.model, looked_at.links, target, rate, surge, derivatives=False
     )
     points = looked_at.points(kinematic.links)
-    contact = padded.contact[np.rint(frames).astype(int)]
+    # A foot is held still as long as either frame around a sample says so, and so up to its
+    # very lift-off.
+    contact = np.logical_or(
+        padded.contact[np.floor(frames + 1e-9).astype(int)],
+        padded.contact[np.ceil(frames - 1e-9).astype(int)],
+    )
     loaded = loaded_corners(padded.contact, frames, 1.0)
     placed = anchors(points[:, :8].reshape(-1, 2, 4, 3), contact, robot.sole_corners)
     cones = wrench_cones(placed, loaded, options.cone(robot))
@@ -140,7 +155,6 @@ def problem(
     )
     unbounded = np.full((len(time), 24), np.inf)
     share = np.full((len(time), 23), options.speed_share)
-    joints = np.ones(23)
     made = Problem(
         robot=robot,
         frames=looked_at,
@@ -158,9 +172,9 @@ def problem(
         weights=Weights(
             keypoint=1.0,
             orientation=0.3,
-            posture=np.concatenate([np.zeros(4), np.full(3, 0.1), 0.1 * joints]),
-            acceleration=np.concatenate([np.full(4, 2e-3), np.full(3, 2e-3), 2e-3 * joints]),
-            damping=np.concatenate([np.full(4, 3e-4), np.full(3, 3e-4), 3e-4 * joints]),
+            posture=np.concatenate([np.zeros(4), np.full(26, 0.1)]),
+            acceleration=np.full(30, 1e-2),
+            damping=np.full(30, 3e-4),
         ),
     )
     return made, standing

@@ -45,12 +45,11 @@ class Standing(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """A plan's control points, its last evaluation and the number of iterations."""
+    """A plan's control points, its last evaluation and the problem with its last anchors."""
 
     control: Array
     evaluation: Evaluation
     problem: Problem
-    iterations: int
 
 
 def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
@@ -96,7 +95,7 @@ def solve(
     multipliers = {name: np.zeros_like(problem.rows[name].lower) for name in GROUPS}
     points = problem.target_points
     damping, level, last = 0.0, 0, len(_CONTINUATION) - 1
-    for iteration in range(1, iterations + 1):
+    for _ in range(iterations):
         if level < last:
             problem = anchored(problem, standing, points)
         penalty = {
@@ -120,7 +119,7 @@ def solve(
             break
         elif expected < _SETTLED:
             multipliers = _updated(problem, reached.values, multipliers, penalty)
-    return Solution(control, reached, problem, iteration)
+    return Solution(control, reached, problem)
 
 
 def violation(problem: Problem, values: dict[str, Array]) -> float:

@@ -19,6 +19,7 @@ from robomirror_drake.optimization.plan_contacts import (
     loaded_corners,
     outside,
     runs,
+    steady,
     wrench_cones,
 )
 from robomirror_drake.optimization.plan_forces import share_wrench
@@ -242,7 +243,7 @@ def test_unusable_references_are_refused_with_figures() -> None:
 
 def test_gradient_of_the_problem_by_finite_differences() -> None:
     options = PlanOptions()
-    padded = pad(lifted_foot(), options)
+    padded = pad(ROBOT, lifted_foot(), options)
     made, standing = problem(ROBOT, padded, 0.1, 20, options)
     made = anchored(made, standing, made.target_points)
     rng = np.random.default_rng(5)
@@ -321,6 +322,22 @@ def test_switches_load_only_what_both_sides_share() -> None:
     np.testing.assert_array_equal(loaded[:, 1, 0], np.arange(20) > 8)
     contact[8:12, 1] = False  # no double support now, and no flight either
     assert loaded_corners(contact, np.arange(20.0), 1.0).any(axis=(1, 2)).all()
+
+
+def test_flicker_is_taken_out_of_a_schedule() -> None:
+    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
+    contact = np.ones((40, 2, 4), dtype=bool)
+    contact[10:13, 0] = False
+    assert steady(contact, corners, 5, 0.05).all()
+    moved = corners.copy()
+    moved[12:, 0, :, 0] += 0.1
+    np.testing.assert_array_equal(steady(contact, moved, 5, 0.05), contact)
+    contact[:, 0] = False
+    contact[[0, 39], 0] = True
+    contact[20:22, 0] = True
+    cleaned = steady(contact, corners, 5, 0.05)
+    assert not cleaned[1:39, 0].any()
+    assert cleaned[:, 1].all()
 
 
 def test_anchors_are_flat_rectangles_at_the_mean_pose() -> None:
