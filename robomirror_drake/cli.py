@@ -100,6 +100,14 @@ def motions(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = 
     out.print(f"clips, as clip:NAME: {', '.join(list_clips())}")
 
 
+@app.command("scenario")
+def print_scenario(name: Annotated[str, typer.Argument(help="Name or path.")] = "default") -> None:
+    """Print a scenario with every key, its value and what it is for: copy and change it."""
+    from robomirror_drake.yaml_file import to_yaml
+
+    out.print(to_yaml(_scenario(name)), end="", markup=False, highlight=False, soft_wrap=True)
+
+
 @app.command()
 def retarget(
     file: Annotated[str, typer.Argument(help="A motion file, or clip:NAME.")],
@@ -184,10 +192,11 @@ def bench_controller(json_file: JsonOption = None) -> None:
 
 def _scenario(name: str, **changes: Any) -> Scenario:
     """The scenario of that name with what the command line says instead."""
-    from robomirror_drake.config import load_scenario, validate_scenario
+    from robomirror_drake.config import Scenario, load_scenario
+    from robomirror_drake.yaml_file import validate
 
     given = {key: value for key, value in changes.items() if value not in (None, "")}
-    return validate_scenario(load_scenario(name).model_dump() | given, "command line")
+    return validate(Scenario, load_scenario(name).model_dump() | given, "command line")
 
 
 def _run(scenario: Scenario, live: bool) -> Result:

@@ -6,16 +6,14 @@ field here. Unknown keys and bad values raise :class:`ConfigError`.
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.messages import Array
+from robomirror_drake.yaml_file import load_yaml
 
 Point = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -140,14 +138,4 @@ def load_spec(robot: str | Path = "jvrc1") -> RobotSpec:
     Raises:
         ConfigError: There is no such file, it is not YAML, or a key or value is wrong.
     """
-    folder = resources.files("robomirror_drake.assets") / "robots"
-    is_path = isinstance(robot, Path) or robot.endswith((".yaml", ".yml"))
-    file = Path(robot) if is_path else folder / f"{robot}.yaml"
-    try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
-        return RobotSpec.model_validate(data)
-    except OSError as error:
-        known = sorted(f.name.removesuffix(".yaml") for f in folder.iterdir())
-        raise ConfigError(f"no robot {str(robot)!r}; known: {', '.join(known)}") from error
-    except (yaml.YAMLError, ValidationError, UnicodeDecodeError) as error:
-        raise ConfigError(f"robot {str(robot)!r}: {error}") from error
+    return load_yaml(RobotSpec, "robots", robot)

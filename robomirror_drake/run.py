@@ -23,6 +23,7 @@ from robomirror_drake.results import Result
 from robomirror_drake.robot import load_robot
 from robomirror_drake.rollout import execution, set_initial_state
 from robomirror_drake.rollout import run as simulate
+from robomirror_drake.yaml_file import to_yaml
 
 Stage = Literal["generate", "retarget", "plan", "simulate"]
 STAGES: dict[Stage, str] = {
@@ -79,7 +80,7 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
     tell("simulate", 1.0)
     return Result(
         command=scenario.command,
-        scenario=scenario.to_yaml(),
+        scenario=to_yaml(scenario),
         candidates=candidates,
         chosen=[motion.source for motion in candidates].index(chosen.source),
         reference=plan,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from robomirror_drake.config import Scenario, load_scenario, validate_scenario
+from robomirror_drake.config import Scenario, load_scenario
 from robomirror_drake.exceptions import ConfigError
+from robomirror_drake.yaml_file import to_yaml
 
 
 def test_the_shipped_default_is_all_of_the_defaults():
@@ -14,9 +15,11 @@ def test_the_shipped_default_is_all_of_the_defaults():
 
 
 def test_yaml_round_trips(tmp_path):
-    scenario = validate_scenario({"command": "bow ü", "seed": 7, "simulation": {"hold": 1.5}})
+    scenario = Scenario.model_validate(
+        {"command": "bow: 'ü' # then\nwave", "seed": 7, "simulation": {"hold": 1.5}}
+    )
     file = tmp_path / "s.yaml"
-    file.write_text(scenario.to_yaml(), encoding="utf-8")
+    file.write_text(to_yaml(scenario), encoding="utf-8")
     assert load_scenario(file) == scenario
 
 
@@ -37,6 +40,12 @@ def test_unknown_keys_and_bad_values_are_named(tmp_path, data, message):
     file.write_text(yaml.safe_dump(data))
     with pytest.raises(ConfigError, match=message):
         load_scenario(file)
+
+
+def test_every_key_is_written_down_with_what_it_is_for():
+    text = to_yaml(Scenario())
+    assert yaml.safe_load(text) == Scenario().model_dump(mode="json")
+    assert "time_step: 0.002  # of the plant [s]" in text
 
 
 def test_what_is_no_yaml_and_what_is_no_file_is_said(tmp_path):

@@ -19,6 +19,7 @@ PACKAGE = ROOT / "robomirror_drake"
 # Lowest first: a module may import from its own layer and from those below it.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("messages", "exceptions", "assets"),
+    ("yaml_file",),
     ("robot_spec", "urdf", "robot", "optimization", "motion", "outcome"),
     ("systems",),
     ("simulation",),

@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context
 
-from robomirror_drake.config import Scenario, validate_scenario
+from robomirror_drake.config import Scenario
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.outcome import evaluate
 from robomirror_drake.pipeline import (
@@ -31,7 +31,7 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return validate_scenario({"candidates": 2, "seed": 1, "simulation": {"hold": 0.5}})
+    return Scenario.model_validate({"candidates": 2, "seed": 1, "simulation": {"hold": 0.5}})
 
 
 def started(whole: Whole, clip: str) -> Simulator:
