@@ -38,7 +38,7 @@ class RetargetOptions(_Options):
         0.2, ge=0.0, description="least knee angle; a straight leg is singular [rad]"
     )
     joint_acceleration: float = Field(250.0, gt=0.0, description="limit of all joints [rad/s²]")
-    collision_margin: float = Field(0.005, ge=0.0, description="kept between capsules [m]")
+    collision_margin: float = Field(0.01, ge=0.0, description="kept between capsules [m]")
     support_margin: float = Field(0.02, ge=0.0, description="CoM inside the support polygon [m]")
     slow_speed: float = Field(0.25, gt=0.0, description="pelvis speed that is no longer slow [m/s]")
     weights: RetargetWeights = RetargetWeights()

@@ -4,7 +4,8 @@ Each iteration assembles the augmented cost's normal equations frame by frame,
 spreads them into a banded matrix, takes a step with the position bounds projected
 (D. Bertsekas, "Projected Newton Methods", SIAM J. Control 1982) and shortens it
 until the cost falls. The first iterations have a tenth of the penalty, which lets
-the body find its place before the feet are held. Multipliers move only after
+the body find its place before the feet are held; only self-collision has all of it,
+since an arm that has gone through the chest would stay there. Multipliers move only after
 small steps, are clamped, and so never chase a trajectory that is still far off.
 """
 
@@ -120,7 +121,7 @@ def solve(
         soft = not warm and taken <= SOFT_ITERATIONS
         rho = PENALTY * dt * (SOFTNESS if soft else HARDNESS if hard else 1.0)
         multipliers = multipliers._replace(
-            stance_penalty=rho, floor_penalty=rho, collision_penalty=rho
+            stance_penalty=rho, floor_penalty=rho, collision_penalty=max(rho, PENALTY * dt)
         )
         control, step, residuals = _step(problem, multipliers, rates, control, fixed, lower, upper)
         violation = _violation(residuals)
