@@ -70,7 +70,7 @@ def contact_generators(R, corners, load, friction, corner_force):
 def task_rows(
     gains, momentum, J, mass, com, angular, R, p, v, a,
     ref_com, ref_angular, ref_R, ref_p, ref_v, ref_a,
-    corners, load, anchor,
+    corners, load, anchor, swing_limit,
 ):  # fmt: skip
     """The tasks as rows ``T q̈ = t`` with weights.
 
@@ -126,7 +126,9 @@ def task_rows(
         else:
             error = ref_p[k] - p[k]
             rate = ref_v[k, :3] - v_k[:3]
-            t[linear] = ref_a[k, :3] - a_k[:3] + stiffness * error + damping * rate
+            feedback = stiffness * error + damping * rate
+            feedback *= min(1.0, swing_limit / max(np.sqrt(np.sum(feedback**2)), 1e-9))
+            t[linear] = ref_a[k, :3] - a_k[:3] + feedback
         weight, stiffness, damping = gains[6 if loaded == 4 else 5]
         w[turning] = weight
         if loaded == 4:

@@ -61,12 +61,15 @@ class WholeBodyOptions(_Options):
     """Gains and limits of the QP."""
 
     solver: Solver = "daqp"
-    com_horizontal: TaskGains = TaskGains(weight=10.0, stiffness=25.0, damping=10.0)
-    com_vertical: TaskGains = TaskGains(weight=10.0, stiffness=60.0, damping=14.0)
-    angular_momentum: TaskGains = TaskGains(weight=0.3, stiffness=0.0, damping=8.0)
+    com_horizontal: TaskGains = TaskGains(weight=20.0, stiffness=25.0, damping=10.0)
+    com_vertical: TaskGains = TaskGains(weight=20.0, stiffness=60.0, damping=14.0)
+    angular_momentum: TaskGains = TaskGains(weight=0.5, stiffness=0.0, damping=8.0)
     pelvis: TaskGains = TaskGains(weight=4.0, stiffness=100.0, damping=20.0)
     trunk: TaskGains = TaskGains(weight=3.0, stiffness=100.0, damping=20.0)
     swing: TaskGains = TaskGains(weight=15.0, stiffness=500.0, damping=45.0)
+    swing_feedback: float = Field(
+        20.0, gt=0.0, description="most acceleration asked for because a foot lags [m/s²]"
+    )
     stance: TaskGains = TaskGains(weight=30.0, stiffness=0.0, damping=40.0)
     posture: PostureWeights = PostureWeights()
     posture_stiffness: float = Field(100.0, ge=0.0, description="[1/s²]")
@@ -74,11 +77,11 @@ class WholeBodyOptions(_Options):
     planned_force: float = Field(0.002, ge=0.0, description="weight of the planned wrench [1/N]")
     acceleration_cost: float = Field(1e-3, gt=0.0, description="ε_a [(s²/rad)²]")
     force_cost: float = Field(2e-6, gt=0.0, description="ε_λ [1/N²]")
-    friction: float = Field(0.6, gt=0.0, description="µ that the forces keep to")
+    friction: float = Field(0.5, gt=0.0, description="µ that the forces keep to")
     corner_force: float = Field(1000.0, gt=0.0, description="most normal force of a corner [N]")
     contact_ramp: float = Field(0.03, gt=0.0, description="time to take up the load [s]")
-    limit_horizon: float = Field(0.06, gt=0.0, description="look-ahead of the joint limits [s]")
-    acceleration_limit: float = Field(1000.0, gt=0.0, description="[rad/s²]")
+    limit_horizon: float = Field(0.03, gt=0.0, description="look-ahead of the joint limits [s]")
+    acceleration_limit: float = Field(3000.0, gt=0.0, description="[rad/s²]")
 
 
 class QP(NamedTuple):
@@ -194,6 +197,7 @@ def build_qp(robot: ControlModel, terms: DynamicsTerms, targets: Targets, tuned:
         robot.corners,
         targets.load,
         targets.anchor,
+        options.swing_feedback,
     )
     posture = (
         targets.a
