@@ -139,7 +139,7 @@ def _quadratic(
     points, n = whole.points, len(posture)
     steps = 3 * (points - spline.ORDER + 1)
     dt = spacing / 3
-    basis = spline.basis((np.arange(steps) + 0.5) * dt, spacing, points)
+    basis = spline.basis(np.arange(0.5, steps) * dt, spacing, points)
     pull = np.concatenate([np.full(6, 1e-6), np.full(n - 6, weights.posture)])
     quickness = _quickness(targets, whole, basis, round(QUICK_TIME / dt))
 

@@ -317,7 +317,7 @@ def let_go(contact: BoolArray, miss: Array, most: float) -> BoolArray:
         (T, 2, n) the contacts that are left.
     """
     pieces = np.logical_and.accumulate
-    feet, left = contact.any(axis=2), contact.copy()
+    feet, left = np.asarray(contact.any(axis=2)), contact.copy()
     for f, part in np.ndindex(contact.shape[1:]):
         other = feet[:, 1 - f]
         for start, stop in phases(contact[:, f, part]):
