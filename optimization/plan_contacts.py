@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization.plan_schedule import runs
 
 ROWS = 16
 """Rows of one wrench cone: normal force, friction 4, yaw 2, hull edges up to 8, one spare."""
@@ -36,67 +37,6 @@ class ConeOptions(NamedTuple):
     margin: float
     max_normal_force: float
     weight: float
-
-
-def runs(active: BoolArray) -> list[tuple[int, int]]:
-    """Maximal runs [start, end) of True in ``active`` (T,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
-def steady(contact: BoolArray, corners: Array, shortest: int, nearest: float) -> BoolArray:
-    """The schedule without flicker: no swing and no support shorter than so many frames.
-
-    A foot that leaves the ground for less, and comes down where it was, stays on it; one that
-    touches it for less, while the other stands, does not.
-
-    Args:
-        contact: (T, 2, 4) schedule.
-        corners: (T, 2, 4, 3) sole corners in world [m].
-        shortest: Length of a phase from which on it is believed [frames].
-        nearest: Way of the foot from which on a swing is believed [m].
-    """
-    cleaned, last = contact.copy(), len(contact)
-    for foot in range(2):
-        for start, end in runs(np.asarray(~contact[:, foot].any(axis=1))):
-            if start > 0 and end < last and end - start < shortest:
-                way = corners[end, foot, :, :2] - corners[start - 1, foot, :, :2]
-                if np.linalg.norm(way, axis=1).max() < nearest:
-                    cleaned[start:end, foot] = True
-    for foot in range(2):
-        for start, end in runs(np.asarray(cleaned[:, foot].any(axis=1))):
-            other = cleaned[start:end, 1 - foot].any(axis=1)
-            if start > 0 and end < last and end - start < shortest and other.all():
-                cleaned[start:end, foot] = False
-    return cleaned
-
-
-def loaded_corners(contact: BoolArray, frames: Array, reach: float) -> BoolArray:
-    """(S, 2, 4) corners that may bear load at samples between the frames of a schedule.
-
-    Around a switch only the intersection of both support sets may bear load, so that
-    forces ramp. Where two sets follow each other without sharing a corner and without
-    flight between them, their union may.
-
-    Args:
-        contact: (T, 2, 4) schedule.
-        frames: (S,) samples, in units of its frames.
-        reach: How far around a sample the schedule is looked at [frames].
-    """
-    last = len(contact) - 1
-    before = np.clip(np.floor(frames - reach + 1e-9).astype(int), 0, last)
-    after = np.clip(np.ceil(frames + reach - 1e-9).astype(int), 0, last)
-    every = np.ones((len(frames), 2, 4), dtype=np.bool_)
-    some = ~every
-    flight = np.zeros(len(frames), dtype=np.bool_)
-    for offset in range(int(np.max(after - before)) + 1):
-        at = contact[np.minimum(before + offset, after)]
-        every &= at
-        some |= at
-        flight |= ~at.any(axis=(1, 2))
-    alone = ~every.any(axis=(1, 2)) & ~flight
-    every[alone] = some[alone]
-    return every
 
 
 def anchors(corners: Array, contact: BoolArray, sole: Array) -> Array:

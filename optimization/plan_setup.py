@@ -12,9 +12,7 @@ from robomirror_drake.optimization import centroidal, spline
 from robomirror_drake.optimization.plan_contacts import (
     anchors,
     clearance,
-    loaded_corners,
     outside,
-    steady,
     wrench_cones,
 )
 from robomirror_drake.optimization.plan_options import PlanOptions
@@ -25,10 +23,15 @@ from robomirror_drake.optimization.plan_problem import (
     Weights,
     rest_at_both_ends,
 )
+from robomirror_drake.optimization.plan_schedule import (
+    loaded_corners,
+    standing_end,
+    steady,
+)
 from robomirror_drake.optimization.plan_solver import Standing
 from robomirror_drake.robot import Robot
 
-_SAME_PLACE = 0.05  # a foot that comes down nearer than this has not stepped [m]
+_AT_REST = 0.2  # speeds below this are rest [m/s, rad/s]
 
 
 class Padded(NamedTuple):
@@ -76,33 +79,24 @@ def pad(robot: Robot, reference: RobotReference, options: PlanOptions) -> Padded
     q = reference.q.copy()
     flips = np.sum(q[1:, :4] * q[:-1, :4], axis=1) < 0.0
     q[1:, :4] *= np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)[:, None]
-    frames = round(options.lead / dt)
-
-    def at_rest(frame: int) -> bool:
-        return bool(np.abs(reference.v[frame]).max() < 0.2 and reference.contact[frame].all())
-
-    def hold(frame: int) -> BoolArray:
-        # A foot that is in the air at the cut stands for most of the added time.
-        contact = np.ones((frames, 2, 4), dtype=np.bool_)
-        contact[: frames // 2][:, ~reference.contact[frame].any(axis=1)] = False
-        return contact
 
     soles = Frames.of(robot)
     still = np.zeros_like(q)
     pose = centroidal.sample(robot.model, soles.links, q, still, still, derivatives=False)
-    own = steady(
-        reference.contact,
-        soles.points(pose.links)[:, :8].reshape(-1, 2, 4, 3),
-        round(options.shortest_phase / dt),
-        _SAME_PLACE,
+    corners = soles.points(pose.links)[:, :8].reshape(-1, 2, 4, 3)
+    own = steady(reference.contact, corners, round(options.shortest_phase / dt))
+    frames = round(options.lead / dt)
+    before, after = (
+        0 if np.abs(reference.v[cut]).max() < _AT_REST and own[cut].all() else frames
+        for cut in (0, -1)
     )
-    before = 0 if at_rest(0) else frames
-    after = 0 if at_rest(-1) else frames
     count = before + len(q) + after
     return Padded(
         time=np.arange(count, dtype=np.float64) * dt,
         q=np.concatenate([q[:1].repeat(before, 0), q, q[-1:].repeat(after, 0)]),
-        contact=np.concatenate([hold(0)[::-1][:before], own, hold(-1)[:after]], axis=0),
+        contact=np.concatenate(
+            [standing_end(own[0], before)[::-1], own, standing_end(own[-1], after)], axis=0
+        ),
         kept=slice(before, before + len(q)),
     )
 

@@ -16,15 +16,18 @@ from robomirror_drake.optimization.plan_contacts import (
     ConeOptions,
     anchors,
     hull_edges,
-    loaded_corners,
     outside,
-    runs,
-    steady,
     wrench_cones,
 )
 from robomirror_drake.optimization.plan_forces import share_wrench
 from robomirror_drake.optimization.plan_penalty import Penalty, Rows, bound_terms
 from robomirror_drake.optimization.plan_problem import rest_at_both_ends
+from robomirror_drake.optimization.plan_schedule import (
+    loaded_corners,
+    runs,
+    standing_end,
+    steady,
+)
 from robomirror_drake.optimization.plan_setup import first_guess, pad, problem
 from robomirror_drake.optimization.plan_solver import anchored
 from robomirror_drake.robot import load_robot
@@ -325,19 +328,41 @@ def test_switches_load_only_what_both_sides_share() -> None:
 
 
 def test_flicker_is_taken_out_of_a_schedule() -> None:
-    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
+    still = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
     contact = np.ones((40, 2, 4), dtype=bool)
     contact[10:13, 0] = False
-    assert steady(contact, corners, 5, 0.05).all()
-    moved = corners.copy()
+    contact[:2, 1] = False
+    assert steady(contact, still, 5).all()
+    moved = still.copy()
     moved[12:, 0, :, 0] += 0.1
-    np.testing.assert_array_equal(steady(contact, moved, 5, 0.05), contact)
-    contact[:, 0] = False
+    assert not steady(contact, moved, 5)[10:13, 0].any()
+    contact[:, 0], contact[:, 1] = False, True
     contact[[0, 39], 0] = True
     contact[20:22, 0] = True
-    cleaned = steady(contact, corners, 5, 0.05)
-    assert not cleaned[1:39, 0].any()
-    assert cleaned[:, 1].all()
+    mended = steady(contact, still, 5)
+    assert not mended[1:39, 0].any()
+    assert mended[:, 1].all()
+
+
+def test_flight_is_believed_only_of_feet_that_leave_the_ground() -> None:
+    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
+    corners[10:30, 0, :, 2] += 0.3
+    contact = np.ones((40, 2, 4), dtype=bool)
+    contact[10:30] = False
+    mended = steady(contact, corners, 5)
+    assert mended[:, 1].all()
+    assert not mended[10:30, 0].any()
+    corners[10:30, 1, :, 2] += 0.1
+    np.testing.assert_array_equal(steady(contact, corners, 5), contact)
+
+
+def test_added_time_brings_both_feet_down() -> None:
+    cut = np.zeros((2, 4), dtype=bool)
+    assert standing_end(cut, 10).all()  # in flight, both land at once
+    cut[0] = True
+    added = standing_end(cut, 10)
+    assert added[:, 0].all()
+    np.testing.assert_array_equal(added[:, 1, 0], np.arange(10) >= 5)
 
 
 def test_anchors_are_flat_rectangles_at_the_mean_pose() -> None:

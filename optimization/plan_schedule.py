@@ -1,0 +1,94 @@
+"""When the feet stand: contact schedules mended, extended and read between their frames."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robomirror_drake.messages import Array, BoolArray
+
+_SAME_PLACE = 0.05  # a foot that comes down nearer than this has not stepped [m]
+_OFF_GROUND = 0.03  # a body without contact whose feet rise above this is in flight [m]
+
+
+def runs(active: BoolArray) -> list[tuple[int, int]]:
+    """Maximal runs [start, end) of True in ``active`` (T,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
+    """The schedule without what no robot could do.
+
+    * In flight both feet are well above the ground: else the lower one stands.
+    * A foot that leaves the ground for less than ``shortest`` frames, and comes down where it
+      was, stays on it; so does one whose swing is cut that short by either end.
+    * A foot that touches the ground for less, while the other stands, does not.
+
+    Args:
+        contact: (T, 2, 4) schedule.
+        corners: (T, 2, 4, 3) sole corners in world [m].
+        shortest: Length of a phase from which on it is believed [frames].
+    """
+    mended, last = contact.copy(), len(contact)
+    for start, end in runs(np.asarray(~contact.any(axis=(1, 2)))):
+        height = corners[start:end, ..., 2].min(axis=2)
+        if height.min(axis=1).max() < _OFF_GROUND:
+            lower = int(np.argmin(height.mean(axis=0)))
+            mended[start:end, lower] = True
+    for foot in range(2):
+        for start, end in runs(np.asarray(~mended[:, foot].any(axis=1))):
+            inside = start > 0 and end < last
+            if end - start < shortest and (not inside or _stays(corners, foot, start, end)):
+                mended[start:end, foot] = True
+    for foot in range(2):
+        for start, end in runs(np.asarray(mended[:, foot].any(axis=1))):
+            other = mended[start:end, 1 - foot].any(axis=1)
+            if start > 0 and end < last and end - start < shortest and other.all():
+                mended[start:end, foot] = False
+    return mended
+
+
+def _stays(corners: Array, foot: int, start: int, end: int) -> bool:
+    way = corners[end, foot, :, :2] - corners[start - 1, foot, :, :2]
+    return bool(np.linalg.norm(way, axis=1).max() < _SAME_PLACE)
+
+
+def standing_end(contact: BoolArray, frames: int) -> BoolArray:
+    """(frames, 2, 4) schedule that leads from a cut, given as (2, 4) corners, to rest on both feet.
+
+    A foot that is in the air at the cut comes down after half of the time, and both at once
+    if both are.
+    """
+    added = np.ones((frames, 2, 4), dtype=np.bool_)
+    swings = ~contact.any(axis=1)
+    if not swings.all():
+        added[: frames // 2, swings] = False
+    return added
+
+
+def loaded_corners(contact: BoolArray, frames: Array, reach: float) -> BoolArray:
+    """(S, 2, 4) corners that may bear load at samples between the frames of a schedule.
+
+    Around a switch only the intersection of both support sets may bear load, so that
+    forces ramp. Where two sets follow each other without sharing a corner and without
+    flight between them, their union may.
+
+    Args:
+        contact: (T, 2, 4) schedule.
+        frames: (S,) samples, in units of its frames.
+        reach: How far around a sample the schedule is looked at [frames].
+    """
+    last = len(contact) - 1
+    before = np.clip(np.floor(frames - reach + 1e-9).astype(int), 0, last)
+    after = np.clip(np.ceil(frames + reach - 1e-9).astype(int), 0, last)
+    every = np.ones((len(frames), 2, 4), dtype=np.bool_)
+    some = ~every
+    flight = np.zeros(len(frames), dtype=np.bool_)
+    for offset in range(int(np.max(after - before)) + 1):
+        at = contact[np.minimum(before + offset, after)]
+        every &= at
+        some |= at
+        flight |= ~at.any(axis=(1, 2))
+    alone = ~every.any(axis=(1, 2)) & ~flight
+    every[alone] = some[alone]
+    return every
