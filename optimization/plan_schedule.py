@@ -39,7 +39,8 @@ def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
         for start, end in runs(np.asarray(~mended[:, foot].any(axis=1))):
             inside = start > 0 and end < last
             if end - start < shortest and (not inside or _stays(corners, foot, start, end)):
-                mended[start:end, foot] = True
+                before, after = mended[max(start - 1, 0), foot], mended[min(end, last - 1), foot]
+                mended[start:end, foot] = before | after
     for foot in range(2):
         for start, end in runs(np.asarray(mended[:, foot].any(axis=1))):
             other = mended[start:end, 1 - foot].any(axis=1)
