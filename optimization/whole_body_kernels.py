@@ -196,11 +196,13 @@ def cost(
     for g in range(joints, size):
         P[g, g] += force_cost * FORCE_UNIT**2
     if force_weight > 0.0:
-        for foot in range(2):
-            for row in range(6):
-                # A moment counts like the force at 0.1 m that makes it.
-                square = force_weight**2 * (1.0 if row < 3 else 100.0)
-                line = W[foot, row]
-                P[joints:, joints:] += square * np.outer(line, line)
-                q[joints:] -= square * force[foot, row] * line
+        F, f = np.empty((12, size - joints)), np.empty(12)
+        for row in range(12):
+            foot, axis = row // 6, row % 6
+            # A moment counts like the force at 0.1 m that makes it.
+            weight = force_weight if axis < 3 else 10.0 * force_weight
+            F[row] = weight * W[foot, axis]
+            f[row] = weight * force[foot, axis]
+        P[joints:, joints:] += F.T @ F
+        q[joints:] -= F.T @ f
     return P, q

@@ -90,5 +90,17 @@ class ControllerError(RoboMirrorError):
     """The whole-body controller was given something it cannot work with."""
 
 
+class SimulationError(RoboMirrorError):
+    """The physics diverged, mostly because a reference starts out absurd.
+
+    Attributes:
+        time: When [s].
+    """
+
+    def __init__(self, time: float, fault: str) -> None:
+        super().__init__(f"the simulation diverged at {time:.3f} s: {fault}")
+        self.time = time
+
+
 class ResultError(InputError):
     """A result folder is missing, incomplete or not one of ours."""

@@ -9,12 +9,14 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from robomirror_drake.exceptions import SimulationError
 from robomirror_drake.messages import Execution, RobotReference
 from robomirror_drake.robot import Robot
 from robomirror_drake.simulation import (
     ExecutionSystems,
     SimulationOptions,
     build_execution,
+    fall_time,
     stop_after_fall,
 )
 
@@ -40,6 +42,9 @@ def rollout(
 
     Returns:
         The execution, which ends shortly after a fall if there is one.
+
+    Raises:
+        SimulationError: The physics diverged before the robot fell.
     """
     options = options or SimulationOptions()
     builder = DiagramBuilder()
@@ -73,11 +78,20 @@ def run(
     options: SimulationOptions,
     progress: Progress | None = None,
 ) -> None:
-    """Simulates up to ``end``, or until shortly after a fall."""
+    """Simulates up to ``end``, or until shortly after a fall.
+
+    Raises:
+        SimulationError: The physics diverged before the robot fell.
+    """
     simulator.set_monitor(stop_after_fall(systems, options))
     simulator.Initialize()
     for stop in np.append(np.arange(0.1, end, 0.1), end):
-        status = simulator.AdvanceTo(float(stop))
+        try:
+            status = simulator.AdvanceTo(float(stop))
+        except RuntimeError as error:
+            if np.isfinite(fall_time(systems, simulator.get_context())):
+                break
+            raise SimulationError(simulator.get_context().get_time(), str(error)) from error
         if progress is not None:
             progress(simulator.get_context().get_time(), end)
         if status.reason() == status.ReturnReason.kReachedTerminationCondition:

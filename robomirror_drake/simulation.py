@@ -95,17 +95,21 @@ def build_execution(
     return ExecutionSystems(plant, scene_graph, instance, controller, recorder, log)
 
 
+def fall_time(systems: ExecutionSystems, context: Context) -> float:
+    """When the robot fell [s], +inf if it has not."""
+    own = systems.recorder.GetMyContextFromRoot(context)
+    return float(own.get_discrete_state_vector()[0])
+
+
 def stop_after_fall(
     systems: ExecutionSystems, options: SimulationOptions
 ) -> Callable[[Context], EventStatus]:
     """A monitor for ``Simulator.set_monitor`` that ends the simulation after a fall."""
-    recorder = systems.recorder
 
     def monitor(context: Context) -> EventStatus:
-        own = recorder.GetMyContextFromRoot(context)
-        fall_time = own.get_discrete_state_vector()[0]
-        if context.get_time() >= fall_time + options.after_fall:
-            return EventStatus.ReachedTermination(recorder, f"fell at {fall_time:.2f} s")
+        fallen = fall_time(systems, context)
+        if context.get_time() >= fallen + options.after_fall:
+            return EventStatus.ReachedTermination(systems.recorder, f"fell at {fallen:.2f} s")
         return EventStatus.DidNothing()
 
     return monitor

@@ -10,7 +10,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from robomirror_drake.exceptions import ControllerError
+from robomirror_drake.exceptions import ControllerError, SimulationError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization.reference_trajectory import (
     reference_trajectory,
@@ -133,6 +133,13 @@ def test_a_push_over_is_noticed_and_ends_the_run(robot: Robot, nod: RobotReferen
     assert outcome.fall_time_s is not None
     assert execution.time[-1] == pytest.approx(outcome.fall_time_s + 0.5, abs=0.02)
     assert np.isfinite(execution.torque).all()
+
+
+def test_diverging_physics_is_an_error_of_ours(robot: Robot, nod: RobotReference) -> None:
+    v = nod.v.copy()
+    v[0] = 1e150
+    with pytest.raises(SimulationError, match="diverged at 0"):
+        rollout(robot, dataclasses.replace(nod, v=v))
 
 
 def test_failures_hold_the_torque_then_damp_and_are_reported(
