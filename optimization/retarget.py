@@ -153,12 +153,7 @@ def scale_motion(
             f"contacts has shape {np.shape(contacts)}, expected {(len(motion.positions), 2, 2)}"
         )
     tables = robot_tables(robot)
-    targets = make_targets(tables.body, motion, contacts, options.support_margin)
-    if not np.isfinite(targets.keypoints).all():
-        raise RetargetingError(
-            _name(motion.text, motion.source), {"leg_length": 0.0}, ["leg_length"]
-        )
-    return targets
+    return make_targets(tables.body, motion, contacts, options.support_margin)
 
 
 def window_of(targets: Targets, start: int, stop: int) -> Targets:

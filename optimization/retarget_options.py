@@ -17,7 +17,7 @@ class RetargetWeights(_Options):
     support: float = Field(3.0, ge=0.0, description="CoM outside the support, at rest [1/m²]")
     posture: float = Field(3e-4, gt=0.0, description="joint angle from standing [1/rad²]")
     acceleration: float = Field(1e-8, ge=0.0, description="coordinates' acceleration [s⁴/rad²]")
-    jerk: float = Field(3e-8, gt=0.0, description="coordinates' jerk [s⁶/rad²]")
+    jerk: float = Field(2.5e-8, gt=0.0, description="coordinates' jerk [s⁶/rad²]")
 
 
 class RetargetGate(_Options):

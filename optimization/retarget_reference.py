@@ -182,7 +182,8 @@ def _rotation(axis: ca.SX | ca.DM, angle: ca.SX) -> ca.SX:
 def _points(points: Points, R: list[ca.SX], p: list[ca.SX]) -> ca.SX:
     """(3, P) points in world."""
     pairs = zip(points.body, points.local, strict=True)
-    return ca.horzcat(*(p[b] + ca.mtimes(R[b], ca.DM(local)) for b, local in pairs))
+    columns: ca.SX = ca.horzcat(*(p[b] + ca.mtimes(R[b], ca.DM(local)) for b, local in pairs))
+    return columns
 
 
 def _gap(problem: Problem, R: list[ca.SX], p: list[ca.SX], pair: int) -> ca.SX:

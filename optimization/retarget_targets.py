@@ -15,6 +15,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial import ConvexHull
 
+from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import Array, BoolArray, HumanMotion
 from robomirror_drake.motion.ground import ANKLE_HEIGHT, TOE_HEIGHT
 from robomirror_drake.motion.skeleton import INDEX
@@ -28,7 +29,8 @@ RATE = 60.0
 DIRECTIONS = ("pelvis up", "pelvis left", "chest up", "chest left", "left foot", "right foot")
 """Directions that are asked for beside the keypoints; of the feet, their left."""
 
-_UP = np.array([0.0, 0.0, 1.0])
+SHORTEST_LEG = 0.05
+"""Of a human, from hip to ankle, that there is any sense in scaling [m]."""
 
 
 class Proportions(NamedTuple):
@@ -118,6 +120,9 @@ def make_targets(
         motion: The human motion.
         contacts: (T_h, 2, 2) contact of (left, right) × (heel, toe) in the motion's frames.
         margin: How far inside the support polygon the centre of mass should stay [m].
+
+    Raises:
+        RetargetingError: The human has no legs to be scaled by.
     """
     samples = int(np.floor(motion.duration * RATE + 1e-6)) + 1
     time = np.arange(samples) / RATE
@@ -137,7 +142,11 @@ def make_targets(
         for side in FEET
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
-    scale = 2.0 * (body.thigh + body.shin) / sum(float(np.median(leg)) for leg in legs)
+    length = sum(float(np.median(leg)) for leg in legs) / 2.0
+    if length < SHORTEST_LEG:
+        name = motion.source or motion.text
+        raise RetargetingError(name, {"leg_length": length}, ["leg_length"])
+    scale = (body.thigh + body.shin) / length
 
     key = {"pelvis": at("pelvis") * scale}
     key["pelvis"][:, 2] += body.ankle - scale * ANKLE_HEIGHT

@@ -175,13 +175,14 @@ def fit(basis: Basis, samples: Array, smoothing: float = 1e-8) -> Array:
     Args:
         basis: Basis at the samples.
         samples: (T, n) values to be approached.
-        smoothing: Weight of the squared jerk [s⁶] beside the squared error; without any the
-            control points at the ends may be undetermined.
+        smoothing: Weight of the squared jerk [s⁶], and a little acceleration, beside the
+            squared error; without any the control points at the ends may be undetermined.
     """
     band = zero_band(basis.points, 1)
     ones = np.ones((len(samples), 1))
     add_diagonal(band, basis, ones)
     add_diagonal(band, basis, smoothing * ones, derivative=3)
+    add_diagonal(band, basis, 1e-4 * smoothing * ones, derivative=2)
     return substitute(factorize(band), spread_gradient(basis, np.ascontiguousarray(samples)))
 
 
