@@ -19,6 +19,7 @@ def runs(active: BoolArray) -> list[tuple[int, int]]:
 def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
     """The schedule without what no robot could do.
 
+    * Support passes from one foot to the other while both stand.
     * In flight both feet are well above the ground: else the lower one stands.
     * A foot that leaves the ground for less than ``shortest`` frames, and comes down where it
       was, stays on it; so does one whose swing is cut that short by either end.
@@ -29,7 +30,7 @@ def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
         corners: (T, 2, 4, 3) sole corners in world [m].
         shortest: Length of a phase from which on it is believed [frames].
     """
-    mended, last = contact.copy(), len(contact)
+    mended, last = _exchanges(contact, shortest), len(contact)
     for start, end in runs(np.asarray(~contact.any(axis=(1, 2)))):
         height = corners[start:end, ..., 2].min(axis=2)
         if height.min(axis=1).max() < _OFF_GROUND:
@@ -47,6 +48,19 @@ def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
             if start > 0 and end < last and end - start < shortest and other.all():
                 mended[start:end, foot] = False
     return mended
+
+
+def _exchanges(contact: BoolArray, shortest: int) -> BoolArray:
+    """A schedule in which both feet stand for some frames where one takes over from the other."""
+    lapped, overlap = contact.copy(), shortest // 3
+    starts = [[start for start, _ in runs(np.asarray(contact[:, f].any(axis=1)))] for f in (0, 1)]
+    for foot in range(2):
+        for _, end in runs(np.asarray(contact[:, foot].any(axis=1))):
+            for start in starts[1 - foot]:
+                if 0 <= start - end < shortest:
+                    lapped[end : start + overlap, foot] |= contact[end - 1, foot]
+                    lapped[end - overlap : start, 1 - foot] |= contact[start, 1 - foot]
+    return lapped
 
 
 def _stays(corners: Array, foot: int, start: int, end: int) -> bool:

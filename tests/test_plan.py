@@ -344,6 +344,14 @@ def test_flicker_is_taken_out_of_a_schedule() -> None:
     assert mended[:, 1].all()
 
 
+def test_support_passes_on_while_both_feet_stand() -> None:
+    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
+    contact = np.zeros((40, 2, 4), dtype=bool)
+    contact[:20, 0], contact[21:, 1] = True, True
+    both = steady(contact, corners, 7).any(axis=2).all(axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(both), np.arange(18, 23))
+
+
 def test_flight_is_believed_only_of_feet_that_leave_the_ground() -> None:
     corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
     corners[10:30, 0, :, 2] += 0.3
