@@ -7,8 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from robomirror_drake.messages import Array, RobotReference
+from robomirror_drake.messages import Array, BoolArray, RobotReference
 from robomirror_drake.robot import Robot
+
+LEAST_SHARE = 0.02
+"""Share of its full force that a corner may bear at the ends of its contact."""
 
 
 class ReferenceTrajectory(NamedTuple):
@@ -89,7 +92,7 @@ def _quaternion_rate(quaternion: Array, omega: Array) -> Array:
     return 0.5 * np.concatenate([rate, -np.sum(vector * omega, axis=1, keepdims=True)], axis=1)
 
 
-def _contact_times(time: Array, contact: np.typing.NDArray[np.bool_]) -> tuple[Array, Array]:
+def _contact_times(time: Array, contact: BoolArray) -> tuple[Array, Array]:
     """Begin and end of the contact that each corner is in, see :class:`ReferenceTrajectory`.
 
     A contact that is there at the first sample has been there always; one that is
@@ -135,7 +138,7 @@ def sample_reference(trajectory: ReferenceTrajectory, time: float, ramp: float) 
         v, a = np.zeros_like(v), np.zeros_like(a)
     row = right if clamped >= samples.time[right] else right - 1
     since, left = time - samples.on[row], samples.off[row] - time
-    ramped = np.clip(np.minimum(since, left) / ramp, 0.02, 1.0)
+    ramped = np.clip(np.minimum(since, left) / ramp, LEAST_SHARE, 1.0)
     load = np.where(samples.off[row] > -np.inf, ramped, 0.0)
     return ReferenceSample(q, v, a, force, load, -since)
 

@@ -19,6 +19,7 @@ from robomirror_drake.simulation import (
     fall_time,
     stop_after_fall,
 )
+from robomirror_drake.systems.outcome_recorder import PERIOD
 
 Progress = Callable[[float, float], None]
 """Called with the time simulated and the time to simulate [s]."""
@@ -44,7 +45,7 @@ def rollout(
         The execution, which ends shortly after a fall if there is one.
 
     Raises:
-        SimulationError: The physics diverged before the robot fell.
+        SimulationError: The physics diverged before a fall was on record.
     """
     options = options or SimulationOptions()
     builder = DiagramBuilder()
@@ -81,7 +82,7 @@ def run(
     """Simulates up to ``end``, or until shortly after a fall.
 
     Raises:
-        SimulationError: The physics diverged before the robot fell.
+        SimulationError: The physics diverged before a fall was on record.
     """
     simulator.set_monitor(stop_after_fall(systems, options))
     simulator.Initialize()
@@ -89,9 +90,10 @@ def run(
         try:
             status = simulator.AdvanceTo(float(stop))
         except RuntimeError as error:
-            if np.isfinite(fall_time(systems, simulator.get_context())):
+            now = simulator.get_context().get_time()
+            if now > fall_time(systems, simulator.get_context()) + PERIOD:
                 break
-            raise SimulationError(simulator.get_context().get_time(), str(error)) from error
+            raise SimulationError(now, str(error)) from error
         if progress is not None:
             progress(simulator.get_context().get_time(), end)
         if status.reason() == status.ReturnReason.kReachedTerminationCondition:
