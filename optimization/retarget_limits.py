@@ -77,9 +77,9 @@ def _project_joint(control: Array, limits: Limits, spacing: float, fixed: int) -
     h = inside * np.repeat(
         [bounds[0], bounds[0], bounds[1], bounds[1]], [size - 1] * 2 + [size - 2] * 2
     )
-    # Rows among the fixed points alone can only be kept or broken already.
-    if fixed:
-        h = np.maximum(h, np.asarray(G[:, :fixed] @ control[:fixed]))
+    # Rows among the fixed points alone are kept or broken already.
+    settled = np.asarray(abs(G[:, fixed:]).sum(axis=1)).ravel() == 0.0
+    h = np.where(settled, np.maximum(h, G @ control), h)
     identity = sparse.eye(size, format="csc")
     return qpsolvers.solve_qp(
         identity, -control, G, h, lb=lower, ub=upper, solver="piqp", eps_abs=1e-10, eps_rel=0.0

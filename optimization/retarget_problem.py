@@ -29,6 +29,10 @@ STRIDE = 2
 """Every how many samples the problem looks, beside those where a contact begins or ends."""
 
 
+ROUNDING = 1e-9
+"""How far inside its limits a joint stays, so that rounding does not carry it out [rad]."""
+
+
 class Problem(NamedTuple):
     """One window's problem.
 
@@ -117,7 +121,7 @@ def make_problem(
         whole, targets.keypoints[:, tables.body.keypoints.index("pelvis")], 1e-5
     )
     acceleration = np.full(len(lower), options.joint_acceleration)
-    limits = Limits(lower, tables.upper, tables.speed, acceleration)
+    limits = Limits(lower + ROUNDING, tables.upper - ROUNDING, tables.speed, acceleration)
     return Problem(terms, basis, quadratic, linear, limits, quaternions, spacing, start)
 
 

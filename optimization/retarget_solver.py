@@ -130,7 +130,7 @@ def solve(
         if not soft and step < SMALL_STEP:
             if violation < tolerance and step < 0.02:
                 break
-            if taken >= RELEASE_AFTER:
+            if taken >= RELEASE_AFTER - (SOFT_ITERATIONS if warm else 0):
                 problem = _release(problem, residuals)
             multipliers, rates = _update(problem, multipliers, rates, residuals, control, dt)
             hard = True
