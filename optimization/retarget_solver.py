@@ -128,7 +128,7 @@ def solve(
         if not soft and violation < least:
             best, best_standing, least = control, problem.terms.standing, violation
         if not soft and step < SMALL_STEP:
-            if violation < tolerance and step < 0.02:
+            if violation < tolerance:
                 break
             if taken >= RELEASE_AFTER - (SOFT_ITERATIONS if warm else 0):
                 problem = _release(problem, residuals)
