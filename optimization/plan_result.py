@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robomirror_drake.messages import Array, RobotReference
-from robomirror_drake.optimization import centroidal, spline
+from robomirror_drake.optimization import centroidal, kinematics, spline
 from robomirror_drake.optimization.plan_contacts import (
     anchors,
     outside,
@@ -16,7 +16,7 @@ from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_problem import Frames
 from robomirror_drake.optimization.plan_schedule import loaded_corners
 from robomirror_drake.optimization.plan_setup import Padded
-from robomirror_drake.robot import Robot
+from robomirror_drake.robot import Robot, rotation_matrix
 
 
 def planned_reference(
@@ -54,7 +54,8 @@ def planned_reference(
     v, a = centroidal.drake_velocities(x, xd, xdd)
     q = centroidal.unit_quaternions(x)
     low, high = robot.position_limits
-    joints = q[:, 7:]
+    joints, speed = q[:, 7:], np.abs(v[:, 6:])
+    excess = (low - joints, joints - high, speed - robot.velocity_limits)
     residuals = {
         **reference.residuals,
         "dynamic_violation": float(
@@ -65,7 +66,8 @@ def planned_reference(
             np.max(np.linalg.norm(corners - placed, axis=-1)[padded.contact], initial=0.0)
         ),
         "penetration": float(max(0.0, -corners[..., 2].min())),
-        "limit_violation": float(max(0.0, np.max(low - joints), np.max(joints - high))),
+        "self_penetration": _self_penetration(robot, q),
+        "limit_violation": max(0.0, *(float(part.max()) for part in excess)),
         "jerk_rms": float(np.sqrt(np.mean(spline.evaluate(basis, control, 3)[:, 7:] ** 2))),
     }
     return RobotReference(
@@ -80,3 +82,11 @@ def planned_reference(
         foot_force=share_wrench(samples.wrench, placed, padded.contact, cone),
         planned=True,
     )
+
+
+def _self_penetration(robot: Robot, q: Array) -> float:
+    """Largest depth of two of the robot's capsules in each other [m]."""
+    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
+    poses = kinematics.body_poses(kinematics.make_tree(robot), rotation_matrix(q[:, :4]), x)
+    gaps = kinematics.distances(kinematics.make_capsules(robot), *poses)
+    return float(max(0.0, -gaps.min()))
