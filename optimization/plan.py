@@ -36,7 +36,8 @@ def plan_dynamics(
         options: See :class:`PlanOptions`.
 
     Raises:
-        PlanningError: The reference cannot be used: too short, or its rate is not constant.
+        PlanningError: The reference cannot be used, being too short or at no constant rate, or
+            the numerics failed on it.
     """
     options = options or PlanOptions()
     if options.strength == 0.0:

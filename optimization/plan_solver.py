@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.plan_contacts import ConeOptions, anchors, wrench_cones
@@ -90,6 +91,9 @@ def solve(
         limits: (30,), (30,) bounds of the control points, and so of the trajectory.
         iterations: Most Gauss–Newton steps.
         tolerance: Constraint violation at which a small step ends the iterations.
+
+    Raises:
+        PlanningError: The Gauss–Newton matrix could not be factorized.
     """
     control = np.clip(control, *limits)
     multipliers = {name: np.zeros_like(problem.rows[name].lower) for name in GROUPS}
@@ -147,7 +151,10 @@ def _newton_step(
     band[:, 0] *= 1.0 + damping
     band[:, 0] += 1e-6 + _BOUND_WEIGHT * held.ravel()
     gradient[held] = 0.0
-    step = -spline.substitute(spline.factorize(band), gradient.ravel())
+    try:
+        step = -spline.substitute(spline.factorize(band), gradient.ravel())
+    except np.linalg.LinAlgError as error:
+        raise PlanningError(f"no plan: {error}", {"cost": at.cost}) from error
     return step.reshape(control.shape), -0.5 * float(gradient.ravel() @ step)
 
 
