@@ -116,7 +116,7 @@ def solve(
     multipliers = Multipliers(*zero, *[PENALTY * dt] * 3)
     best, best_standing, least = control, problem.terms.standing, np.inf
     step = violation = np.inf
-    taken, hard = 0, False
+    taken, hard = 0, warm
     for taken in range(1, iterations + 1):
         soft = not warm and taken <= SOFT_ITERATIONS
         rho = PENALTY * dt * (SOFTNESS if soft else HARDNESS if hard else 1.0)
