@@ -19,11 +19,12 @@ from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.floating_base import Path, reference_rotation, sample
 from robomirror_drake.optimization.kinematics import body_poses, positions
+from robomirror_drake.optimization.retarget_footholds import phases
 from robomirror_drake.optimization.retarget_metrics import RobotTables, make_tables, residuals
 from robomirror_drake.optimization.retarget_options import RetargetOptions
 from robomirror_drake.optimization.retarget_problem import Problem, make_problem, picked_samples
 from robomirror_drake.optimization.retarget_solver import Solution, solve
-from robomirror_drake.optimization.retarget_targets import Targets, make_targets, phases
+from robomirror_drake.optimization.retarget_targets import Targets, make_targets
 from robomirror_drake.robot import Robot
 
 __all__ = [

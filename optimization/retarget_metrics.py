@@ -18,13 +18,8 @@ from robomirror_drake.optimization.kinematics import (
     make_tree,
     positions,
 )
-from robomirror_drake.optimization.retarget_targets import (
-    RATE,
-    Proportions,
-    Targets,
-    phases,
-    proportions,
-)
+from robomirror_drake.optimization.retarget_footholds import phases
+from robomirror_drake.optimization.retarget_targets import RATE, Proportions, Targets, proportions
 from robomirror_drake.robot import FEET, Robot, rotation_matrix
 
 

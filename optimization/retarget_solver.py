@@ -18,6 +18,7 @@ from numba import njit
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.retarget_footholds import let_go
 from robomirror_drake.optimization.retarget_kernel import (
     Multipliers,
     Residuals,
@@ -31,7 +32,7 @@ from robomirror_drake.optimization.retarget_problem import (
     add_diagonal_band,
     multiply_diagonal,
 )
-from robomirror_drake.optimization.retarget_targets import RATE, let_go
+from robomirror_drake.optimization.retarget_targets import RATE
 
 PENALTY = 300.0
 """Of a metre's violation, against a keypoint's weight of 1 [1/m²]."""

@@ -217,7 +217,9 @@ def per_frame_ik(robot: Robot, targets: Targets, model: Any, mink: Any) -> Array
     start[:3], start[3:7] = targets.keypoints[0, names.index("pelvis")], robot.standing[:4]
     start[order] = robot.standing[7:]
     configuration.update(start)
-    tasks = [mink.FrameTask(name, "site", position_cost=1.0, orientation_cost=0.0) for name in names]
+    tasks = [
+        mink.FrameTask(name, "site", position_cost=1.0, orientation_cost=0.0) for name in names
+    ]
     posture = mink.PostureTask(model, cost=1e-2)
     posture.set_target(start)
     limits = [mink.ConfigurationLimit(model)]

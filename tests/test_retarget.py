@@ -20,7 +20,7 @@ from robomirror_drake.optimization.retarget import (
     scale_motion,
     window_of,
 )
-from robomirror_drake.optimization.retarget_targets import footholds, let_go, phases
+from robomirror_drake.optimization.retarget_footholds import footholds, let_go, phases
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()
