@@ -45,5 +45,5 @@ class RetargetOptions(_Options):
     gate: RetargetGate = RetargetGate()
     iterations: int = Field(30, ge=1, le=500, description="most Gauss–Newton iterations")
     tolerance: float = Field(
-        2e-3, gt=0.0, description="stance, floor and collision when solved [m]"
+        2.5e-3, gt=0.0, description="stance, floor and collision when solved [m]"
     )
