@@ -39,7 +39,8 @@ app = typer.Typer(
 bench = typer.Typer(help="Measure a stage; beside a peer where there is one.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
 console = Console(stderr=True)
-out = Console()
+# Tables keep their width in a file or a pipe.
+out = Console(width=None if sys.stdout.isatty() else 140)
 
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
