@@ -123,7 +123,7 @@ def _add_planning(
 
 def _add_execution(builder: DiagramBuilder, robot: Robot, scenario: Scenario) -> ExecutionSystems:
     """Adds plant, controller and recorder; the controller's ``reference`` is left open."""
-    execution = build_execution(builder, robot, scenario.simulation)
+    execution = build_execution(builder, robot, scenario.simulation, scenario.seed)
     state = execution.plant.get_state_output_port(execution.instance)
     builder.ExportOutput(state, "state")
     for port in ("torque", "diagnostics"):

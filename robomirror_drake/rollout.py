@@ -38,18 +38,19 @@ def rollout(
         robot: The robot.
         reference: What it shall do; it starts in the reference's first state.
         options: Options of the physics.
-        seed: Carried into the result.
+        seed: Of all disturbances that are drawn; carried into the result.
         progress: Called after each tenth of a second.
 
     Returns:
         The execution, which ends shortly after a fall if there is one.
 
     Raises:
+        ConfigError: A push is on a link that the robot does not have.
         SimulationError: The physics diverged before a fall was on record.
     """
     options = options or SimulationOptions()
     builder = DiagramBuilder()
-    systems = build_execution(builder, robot, options)
+    systems = build_execution(builder, robot, options, seed)
     builder.ExportInput(systems.reference_port, "reference")
     diagram = builder.Build()
     simulator = Simulator(diagram)
@@ -65,11 +66,13 @@ def rollout(
 def set_initial_state(
     systems: ExecutionSystems, context: Context, reference: RobotReference
 ) -> None:
-    """Puts the plant into the reference's first state."""
+    """Puts the plant into the reference's first state, with no torque."""
     plant = systems.plant
     own = plant.GetMyMutableContextFromRoot(context)
     plant.SetPositions(own, systems.instance, reference.q[0])
     plant.SetVelocities(own, systems.instance, reference.v[0])
+    if systems.actuation is not None:
+        systems.actuation.start(context, np.append(reference.q[0], reference.v[0]))
 
 
 def run(

@@ -85,7 +85,7 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
         chosen=[motion.source for motion in candidates].index(chosen.source),
         reference=plan,
         execution=done,
-        outcome=evaluate(done, robot.effort_limits, options.friction),
+        outcome=evaluate(done, robot.effort_limits, systems.friction),
         robot=scenario.robot,
         seeds={"generator": scenario.seed},
     )

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    MultibodyPlant,
-    MultibodyPlantConfig,
-)
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, InputPort
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, InputPort, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from robomirror_drake.robot import Robot, add_ground
+from robomirror_drake.disturbance import DisturbanceOptions, SensorNoise
+from robomirror_drake.disturbance_draw import Drawn, draw
+from robomirror_drake.plant import add_plant
+from robomirror_drake.robot import Robot
+from robomirror_drake.systems.actuation import Actuation
+from robomirror_drake.systems.joint_target import JointTarget
 from robomirror_drake.systems.outcome_recorder import PERIOD, OutcomeRecorder
+from robomirror_drake.systems.pusher import Pusher
+from robomirror_drake.systems.sensors import Sensors
 from robomirror_drake.systems.whole_body_controller import ControllerOptions, WholeBodyController
 
 
@@ -31,11 +35,23 @@ class SimulationOptions(BaseModel):
     hold: float = Field(2.0, ge=0.0, description="how long the last pose is held [s]")
     after_fall: float = Field(0.5, ge=0.0, description="how long a fall is watched [s]")
     controller: ControllerOptions = ControllerOptions()
+    interface: Literal["torque", "joint_target"] = Field(
+        "torque", description="what the joints are given; targets go to a servo in the plant"
+    )
+    target_rate: float = Field(
+        60.0, gt=0.0, le=1000.0, description="of joint targets, and then of the control loop [Hz]"
+    )
+    disturbance: DisturbanceOptions = DisturbanceOptions()
 
 
 @dataclass(frozen=True)
 class ExecutionSystems:
-    """The systems that :func:`build_execution` has added, by role."""
+    """The systems that :func:`build_execution` has added, by role.
+
+    Attributes:
+        actuation: None where the controller's torques go straight to the joints.
+        friction: Between soles and ground.
+    """
 
     plant: MultibodyPlant
     scene_graph: SceneGraph
@@ -43,6 +59,8 @@ class ExecutionSystems:
     controller: WholeBodyController
     recorder: OutcomeRecorder
     log: VectorLogSink
+    actuation: Actuation | None
+    friction: float
 
     @property
     def reference_port(self) -> InputPort:
@@ -51,38 +69,72 @@ class ExecutionSystems:
 
 
 def build_execution(
-    builder: DiagramBuilder, robot: Robot, options: SimulationOptions | None = None
+    builder: DiagramBuilder,
+    robot: Robot,
+    options: SimulationOptions | None = None,
+    seed: int = 0,
 ) -> ExecutionSystems:
     """Adds plant, scene graph, controller, recorder and its log to a diagram.
 
+    The controller knows the nominal robot and sees it through sensors; plant and recorder
+    have the true one. What is not disturbed has no system.
+
     Args:
         builder: The diagram to add to.
-        robot: The robot.
+        robot: The robot as the controller knows it.
         options: Options of the physics.
+        seed: Of all that is drawn from ``options.disturbance``.
 
     Returns:
         The systems; all is connected but the controller's ``reference``.
+
+    Raises:
+        ConfigError: A push is on a link that the robot does not have.
     """
     options = options or SimulationOptions()
-    config = MultibodyPlantConfig(
-        time_step=options.time_step,
-        discrete_contact_approximation="sap",
-        contact_model="point",
-    )
-    plant, scene_graph = AddMultibodyPlant(config, builder)
-    instance = robot.add_to_plant(plant)
-    add_ground(plant, options.friction)
-    plant.Finalize()
-    robot.filter_self_collision(plant, scene_graph, instance)
+    disturbance = options.disturbance
+    drawn = draw(disturbance, seed, links=1 + len(robot.joint_names))
+    targets = options.interface == "joint_target"
+    control = options.controller
+    if targets:
+        control = control.model_copy(update={"period": 1.0 / options.target_rate})
 
+    plant, scene_graph, instance = add_plant(
+        builder,
+        robot,
+        drawn,
+        time_step=options.time_step,
+        ground_friction=options.friction,
+        servo=targets,
+    )
     controller = builder.AddNamedSystem(
-        "whole_body_controller", WholeBodyController(robot, options.controller)
+        "whole_body_controller", WholeBodyController(robot, control)
     )
     recorder = builder.AddNamedSystem("outcome_recorder", OutcomeRecorder(robot, plant, instance))
     state = plant.get_state_output_port(instance)
+    seen = _measured(builder, state, disturbance.sensors, seed, control.period)
+    builder.Connect(seen, controller.GetInputPort("state"))
+
     torque = controller.GetOutputPort("torque")
-    builder.Connect(state, controller.GetInputPort("state"))
-    builder.Connect(torque, plant.get_actuation_input_port(instance))
+    actuation = _actuation(robot, options, drawn, control.period)
+    if actuation is not None:
+        builder.AddNamedSystem("actuation", actuation)
+        builder.Connect(torque, actuation.GetInputPort("torque"))
+        torque = actuation.GetOutputPort("command")
+        if targets:
+            builder.Connect(seen, actuation.GetInputPort("state"))
+    if targets:
+        builder.Connect(torque, plant.get_desired_state_input_port(instance))
+        torque = plant.get_net_actuation_output_port(instance)
+    else:
+        builder.Connect(torque, plant.get_actuation_input_port(instance))
+
+    if disturbance.pushes or disturbance.random_pushes.speed[1] > 0.0:
+        pusher = builder.AddNamedSystem("pusher", Pusher(robot, plant, instance, disturbance, seed))
+        builder.Connect(
+            pusher.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
+        )
+
     builder.Connect(state, recorder.GetInputPort("state"))
     builder.Connect(torque, recorder.GetInputPort("torque"))
     for port in ("reference_state", "diagnostics"):
@@ -92,7 +144,43 @@ def build_execution(
     )
     log = LogVectorOutput(recorder.GetOutputPort("sample"), builder, publish_period=PERIOD)
     log.set_name("execution_log")
-    return ExecutionSystems(plant, scene_graph, instance, controller, recorder, log)
+    friction = options.friction if drawn.friction is None else drawn.friction
+    return ExecutionSystems(
+        plant, scene_graph, instance, controller, recorder, log, actuation, friction
+    )
+
+
+def _measured(
+    builder: DiagramBuilder, state: OutputPort, noise: SensorNoise, seed: int, period: float
+) -> OutputPort:
+    """The state as the controller sees it."""
+    if noise == SensorNoise():
+        return state
+    sensors = builder.AddNamedSystem("sensors", Sensors(state.size(), noise, seed, period))
+    builder.Connect(state, sensors.GetInputPort("state"))
+    return sensors.GetOutputPort("measured_state")
+
+
+def _actuation(
+    robot: Robot, options: SimulationOptions, drawn: Drawn, period: float
+) -> Actuation | None:
+    """What turns the controller's torques into what the joints are given, if anything does."""
+    joints = len(robot.joint_names)
+    target = limits = None
+    if options.interface == "joint_target":
+        target = JointTarget(joints, robot.spec.joint_gains, period)
+    elif drawn.strength != 1.0:
+        limits = drawn.strength * robot.effort_limits
+    if target is None and limits is None and drawn.latency == drawn.lag == 0.0:
+        return None
+    return Actuation(
+        joints,
+        options.time_step,
+        latency=drawn.latency,
+        lag=drawn.lag,
+        torque_limits=limits,
+        joint_target=target,
+    )
 
 
 def fall_time(systems: ExecutionSystems, context: Context) -> float:

@@ -64,6 +64,7 @@ def to_yaml(model: BaseModel) -> str:
 
 def _lines(model: BaseModel, depth: int) -> Iterator[str]:
     indent = "  " * depth
+    plain = model.model_dump(mode="json")
     for name, info in type(model).model_fields.items():
         value = getattr(model, name)
         note = f"  # {info.description}" if info.description else ""
@@ -71,7 +72,7 @@ def _lines(model: BaseModel, depth: int) -> Iterator[str]:
             yield f"{indent}{name}:{note}"
             yield from _lines(value, depth + 1)
         else:
-            yield f"{indent}{name}: {_plain(value)}{note}"
+            yield f"{indent}{name}: {_plain(plain[name])}{note}"
 
 
 def _plain(value: object) -> str:

@@ -1,0 +1,107 @@
+"""What a seed draws from the disturbance options.
+
+Every random number is a function of the seed, of what it is for and of a count (a
+control tick, an interval of time), never of what was drawn before. So a Context that is
+restored, or evaluated in another order, sees the same, and a new range for one quantity
+changes no other.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robomirror_drake.disturbance import DisturbanceOptions, Push, RandomPushes, SensorNoise
+from robomirror_drake.messages import Array
+
+Stream = Literal[
+    "friction",
+    "mass",
+    "center_of_mass",
+    "latency",
+    "lag",
+    "strength",
+    "sensors",
+    "random_pushes",
+]
+
+
+class Drawn(NamedTuple):
+    """What is constant during a run.
+
+    Attributes:
+        friction: Between soles and ground, None to leave it alone.
+        mass: Factor of every link's mass.
+        center_of_mass: (links, 3) shifts of the links' centres of mass in their frames [m].
+        latency: Of the actuators [s].
+        lag: Time constant of the actuators [s].
+        strength: Factor of the torque limits.
+    """
+
+    friction: float | None
+    mass: float
+    center_of_mass: Array
+    latency: float
+    lag: float
+    strength: float
+
+
+def random(seed: int, stream: Stream, count: int = 0) -> np.random.Generator:
+    """A generator that depends on these three alone."""
+    return np.random.default_rng([get_args(Stream).index(stream), count, seed])
+
+
+def draw(options: DisturbanceOptions, seed: int, links: int) -> Drawn:
+    """Draws what is constant during a run, for a robot of so many links."""
+
+    def one(stream: Stream, ends: tuple[float, float]) -> float:
+        return float(random(seed, stream).uniform(*ends))
+
+    actuators, shift = options.actuators, options.center_of_mass
+    return Drawn(
+        friction=None if options.friction is None else one("friction", options.friction),
+        mass=1.0 + one("mass", options.mass),
+        center_of_mass=random(seed, "center_of_mass").uniform(-shift, shift, (links, 3)),
+        latency=one("latency", actuators.latency),
+        lag=one("lag", actuators.lag),
+        strength=one("strength", actuators.strength),
+    )
+
+
+def random_push(options: RandomPushes, seed: int, interval: int) -> Push:
+    """The push that falls into an interval of time, counted from 0."""
+    rng = random(seed, "random_pushes", interval)
+    # It ends where its interval does at the latest.
+    start = interval * options.interval + rng.uniform(0.0, options.interval - options.duration)
+    direction = rng.uniform(0.0, 2.0 * math.pi)
+    speed = rng.uniform(*options.speed)
+    return Push(
+        time=start,
+        duration=options.duration,
+        speed=(speed * math.cos(direction), speed * math.sin(direction), 0.0),
+    )
+
+
+def measured(state: Array, noise: SensorNoise, seed: int, tick: int) -> Array:
+    """The state as the sensors give it.
+
+    Args:
+        state: (2 n + 13,) base quaternion wxyz, base position, n joints, angular and linear
+            velocity of the base in world, n joint velocities.
+        noise: Standard deviations.
+        seed: Of the run.
+        tick: Of the controller.
+    """
+    joints = (len(state) - 13) // 2
+    rng = random(seed, "sensors", tick)
+    turn, spin, angle, rate = np.split(rng.standard_normal(6 + 2 * joints), [3, 6, 6 + joints])
+    seen = state.copy()
+    tilt = Rotation.from_rotvec(noise.orientation * turn)
+    seen[:4] = (Rotation.from_quat(state[:4], scalar_first=True) * tilt).as_quat(scalar_first=True)
+    seen[7 : 7 + joints] += noise.joint_position * angle
+    seen[7 + joints : 10 + joints] += noise.angular_velocity * spin
+    seen[13 + joints :] += noise.joint_velocity * rate
+    return seen
