@@ -103,6 +103,7 @@ def with_mass_error(robot: Robot, drawn: Drawn, folder: Path) -> Robot:
                 element.set(name, repr(float(value) * drawn.mass))
     for mesh in tree.getroot().iter("mesh"):
         mesh.set("filename", str(robot.urdf.parent / mesh.attrib["filename"]))
+    ET.register_namespace("drake", "http://drake.mit.edu")  # or the rotors lose their prefix
     file = folder / robot.urdf.name
     tree.write(file, encoding="utf-8", xml_declaration=True)
     return dataclasses.replace(robot, urdf=file)

@@ -197,6 +197,12 @@ def test_mass_error_is_the_plants_alone(robot: Robot, stand: RobotReference) -> 
         np.testing.assert_allclose(
             about_com[1].CopyToFullMatrix3(), 1.05 * about_com[0].CopyToFullMatrix3(), atol=1e-12
         )
+    for index in nominal.plant.GetJointActuatorIndices(nominal.instance):
+        rotors = [
+            made.plant.get_joint_actuator(index).default_reflected_inertia()
+            for made in (nominal, systems)
+        ]
+        assert rotors[0] == rotors[1] > 0.05
     assert 0.015 < np.abs(shifts).max() <= 0.02
     assert sum(inertia.mass for inertia in systems.controller._robot.model.inertias) == robot.mass
     assert load_robot() is robot
