@@ -32,8 +32,8 @@ class SimulationOptions(BaseModel):
 
     time_step: float = Field(0.002, gt=0.0, le=0.01, description="of the plant [s]")
     friction: float = Field(0.6, gt=0.0, description="of the ground")
-    hold: float = Field(2.0, ge=0.0, description="how long the last pose is held [s]")
-    after_fall: float = Field(0.5, ge=0.0, description="how long a fall is watched [s]")
+    hold: float = Field(2.0, ge=0.0, le=60.0, description="how long the last pose is held [s]")
+    after_fall: float = Field(0.5, ge=0.0, le=60.0, description="how long a fall is watched [s]")
     controller: ControllerOptions = ControllerOptions()
     interface: Literal["torque", "joint_target"] = Field(
         "torque", description="what the joints are given; targets go to a servo in the plant"
@@ -94,47 +94,42 @@ def build_execution(
     options = options or SimulationOptions()
     disturbance = options.disturbance
     drawn = draw(disturbance, seed, links=1 + len(robot.joint_names))
-    targets = options.interface == "joint_target"
     control = options.controller
-    if targets:
+    if options.interface == "joint_target":
         control = control.model_copy(update={"period": 1.0 / options.target_rate})
 
-    plant, scene_graph, instance = add_plant(
+    physics = add_plant(
         builder,
         robot,
         drawn,
         time_step=options.time_step,
         ground_friction=options.friction,
-        servo=targets,
+        servo=options.interface == "joint_target",
     )
+    plant, _, instance = physics
     controller = builder.AddNamedSystem(
         "whole_body_controller", WholeBodyController(robot, control)
     )
-    recorder = builder.AddNamedSystem("outcome_recorder", OutcomeRecorder(robot, plant, instance))
     state = plant.get_state_output_port(instance)
     seen = _measured(builder, state, disturbance.sensors, seed, control.period)
     builder.Connect(seen, controller.GetInputPort("state"))
-
-    torque = controller.GetOutputPort("torque")
+    command = controller.GetOutputPort("torque")
     actuation = _actuation(robot, options, drawn, control.period)
     if actuation is not None:
-        builder.AddNamedSystem("actuation", actuation)
-        builder.Connect(torque, actuation.GetInputPort("torque"))
-        torque = actuation.GetOutputPort("command")
-        if targets:
-            builder.Connect(seen, actuation.GetInputPort("state"))
-    if targets:
-        builder.Connect(torque, plant.get_desired_state_input_port(instance))
+        command = _actuated(builder, actuation, command, seen)
+    if options.interface == "joint_target":
+        builder.Connect(command, plant.get_desired_state_input_port(instance))
         torque = plant.get_net_actuation_output_port(instance)
     else:
-        builder.Connect(torque, plant.get_actuation_input_port(instance))
-
+        builder.Connect(command, plant.get_actuation_input_port(instance))
+        torque = command
     if disturbance.pushes or disturbance.random_pushes.speed[1] > 0.0:
         pusher = builder.AddNamedSystem("pusher", Pusher(robot, plant, instance, disturbance, seed))
         builder.Connect(
             pusher.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
         )
 
+    recorder = builder.AddNamedSystem("outcome_recorder", OutcomeRecorder(robot, plant, instance))
     builder.Connect(state, recorder.GetInputPort("state"))
     builder.Connect(torque, recorder.GetInputPort("torque"))
     for port in ("reference_state", "diagnostics"):
@@ -145,9 +140,7 @@ def build_execution(
     log = LogVectorOutput(recorder.GetOutputPort("sample"), builder, publish_period=PERIOD)
     log.set_name("execution_log")
     friction = options.friction if drawn.friction is None else drawn.friction
-    return ExecutionSystems(
-        plant, scene_graph, instance, controller, recorder, log, actuation, friction
-    )
+    return ExecutionSystems(*physics, controller, recorder, log, actuation, friction)
 
 
 def _measured(
@@ -181,6 +174,17 @@ def _actuation(
         torque_limits=limits,
         joint_target=target,
     )
+
+
+def _actuated(
+    builder: DiagramBuilder, actuation: Actuation, torque: OutputPort, state: OutputPort
+) -> OutputPort:
+    """What the joints are given."""
+    builder.AddNamedSystem("actuation", actuation)
+    builder.Connect(torque, actuation.GetInputPort("torque"))
+    if actuation.HasInputPort("state"):
+        builder.Connect(state, actuation.GetInputPort("state"))
+    return actuation.GetOutputPort("command")
 
 
 def fall_time(systems: ExecutionSystems, context: Context) -> float:

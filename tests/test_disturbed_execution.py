@@ -12,6 +12,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
+from robomirror_drake.config import load_scenario
 from robomirror_drake.disturbance import Push
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.messages import RobotReference
@@ -334,3 +335,14 @@ def test_joint_targets_are_held_at_their_rate(robot: Robot, stand: RobotReferenc
     changes = np.flatnonzero(np.abs(np.diff(seen, axis=0)).max(axis=1)) * STEP
     np.testing.assert_allclose(changes, np.arange(len(changes)) / 60.0, atol=STEP)
     assert len(changes) == 12
+
+
+def test_squats_under_moderate_disturbances(robot: Robot) -> None:
+    moderate = load_scenario("moderate").simulation.model_copy(update={"hold": 0.5})
+    squat = squatting(robot, 0.5, 91)
+    for seed in range(2):
+        execution = rollout(robot, squat, moderate, seed)
+        assert execution.seed == seed
+        outcome = evaluate(execution, robot.effort_limits, moderate.friction)
+        assert not outcome.fell
+        assert outcome.A_q < 0.05
