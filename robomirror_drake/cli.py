@@ -74,12 +74,17 @@ def run(
 
     Example: robomirror run "a person walks forward four steps, then waves"
     """
+    from robomirror_drake.results import check_place
+
     settings = _scenario(scenario, command=command, seed=seed, candidates=candidates)
     if graphviz is not None:
+        _check_file(graphviz)
         _write_graphviz(settings, graphviz)
         return
+    place = folder or Path("results") / _slug(settings.command)
+    check_place(place)
     result = _run(settings, live)
-    saved = _save(result, folder or Path("results") / _slug(settings.command))
+    saved = _save(result, place)
     _print_outcome(result, saved)
 
 
@@ -116,15 +121,17 @@ def retarget(
     scenario: ScenarioOption = "default",
 ) -> None:
     """Retarget one recorded motion, kinematically, and write the reference as Parquet."""
+    from robomirror_drake.results import check_place
     from robomirror_drake.run import retarget_motion
     from robomirror_drake.tables import write_message
 
     settings = _scenario(scenario, command=file)
-    reference = retarget_motion(settings)
     path = folder / "reference.parquet" if folder else Path(f"{_slug(file)}.reference.parquet")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    check_place(path)
     if path.exists():
         raise ResultError(f"{path} exists; name another place with --out")
+    reference = retarget_motion(settings)
+    path.parent.mkdir(parents=True, exist_ok=True)
     write_message(path, reference)
     table = Table("residual", "value", "unit")
     for name, value in reference.residuals.items():
@@ -158,6 +165,7 @@ def survey(
     """Execute every action of the library and say which ones the robot can do."""
     from robomirror_drake.survey import print_survey, survey_rows
 
+    _check_file(json_file)
     settings = _scenario(scenario)
     wanted = tuple(name.strip() for name in actions.split(",") if name.strip())
     with _progress() as progress:
@@ -176,6 +184,7 @@ def bench_retarget(json_file: JsonOption = None) -> None:
     """The retargeter beside mink's per-frame IK, on every clip that keeps to the feet."""
     from robomirror_drake import bench_retarget as measure
 
+    _check_file(json_file)
     figures = measure.run()
     measure.print_table(figures, out)
     _write_json(json_file, figures)
@@ -186,6 +195,7 @@ def bench_controller(json_file: JsonOption = None) -> None:
     """The controller's tick by QP solver: assembly and solve, median and 99th percentile."""
     from robomirror_drake import bench_controller as measure
 
+    _check_file(json_file)
     figures = measure.run()
     measure.print_table(figures, out)
     _write_json(json_file, figures)
@@ -255,13 +265,31 @@ def _write_graphviz(scenario: Scenario, path: Path) -> None:
     from robomirror_drake.robot import load_robot
 
     diagram = build_pipeline(load_robot(scenario.robot), scenario).diagram
-    path.write_text(diagram.GetGraphvizString(max_depth=1), encoding="utf-8")
+    _write_text(path, diagram.GetGraphvizString(max_depth=1))
     out.print(f"{path} (dot -Tsvg draws it)")
+
+
+def _check_file(path: Path | None) -> None:
+    """Refuses a file that could not be written, before the work whose figures it shall hold."""
+    from robomirror_drake.results import check_place
+
+    if path is not None:
+        check_place(path)
+        if path.is_dir():
+            raise ResultError(f"{path} is a folder; name a file")
+
+
+def _write_text(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error}") from error
 
 
 def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
     if path is not None:
-        path.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        _write_text(path, json.dumps(figures, indent=2, allow_nan=False) + "\n")
         console.print(f"wrote {path}", highlight=False)
 
 

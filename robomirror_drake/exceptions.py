@@ -103,4 +103,4 @@ class SimulationError(RoboMirrorError):
 
 
 class ResultError(InputError):
-    """A result folder is missing, incomplete or not one of ours."""
+    """A result is missing, damaged or not one of ours, or its place cannot be written to."""

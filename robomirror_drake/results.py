@@ -88,6 +88,21 @@ class _Summary(BaseModel):
     versions: dict[str, str]
 
 
+def check_place(path: Path) -> None:
+    """Makes sure that a file or folder can be written, before the work that fills it.
+
+    Raises:
+        ResultError: The path has no name of its own, or leads to no writable folder.
+    """
+    if path.name in ("", ".."):
+        raise ResultError(f"{str(path)!r} has no name of its own; give one, as results/walk")
+    parent = next(p for p in Path(os.path.abspath(path)).parents if os.path.exists(p))
+    if not parent.is_dir():
+        raise ResultError(f"cannot write {path}: {parent} is no folder")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise ResultError(f"cannot write {path}: no permission to write to {parent}")
+
+
 def save_result(folder: Path, result: Result, pages: Mapping[str, str] | None = None) -> Path:
     """Writes a result as a new folder; it appears under its name only when it is complete.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -57,6 +58,13 @@ def test_motions_as_json_has_every_action(monkeypatch, capsys):
         (("play", "/nowhere"), "nowhere"),
         (("survey", "--actions", "fly"), "fly"),
         (("no-such-command",), "No such command"),
+        (("run", "bow", "--out", ""), "no name of its own"),
+        (("run", "bow", "--out", f"{__file__}/results"), "is no folder"),
+        (("run", "bow", "--graphviz", f"{__file__}/d.dot"), "is no folder"),
+        (("run", "bow", "--graphviz", str(Path(__file__).parent)), "is a folder"),
+        (("retarget", "clip:walk", "--out", __file__), "is no folder"),
+        (("survey", "--json", f"{__file__}/s.json"), "is no folder"),
+        (("bench", "controller", "--json", f"{__file__}/b.json"), "is no folder"),
     ],
 )
 def test_bad_input_exits_2_with_a_reason_and_no_traceback(monkeypatch, capsys, arguments, message):
