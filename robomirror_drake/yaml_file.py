@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TypeVar
@@ -15,6 +15,9 @@ from pydantic import BaseModel, ValidationError
 from robomirror_drake.exceptions import ConfigError
 
 Model = TypeVar("Model", bound=BaseModel)
+
+_MESSAGES = {"extra_forbidden": "there is no such key; `robomirror scenario` prints them all"}
+"""Clearer words for a fault than the validator's own, by its type."""
 
 
 def load_yaml(model: type[Model], folder: str, file: str | Path) -> Model:
@@ -47,14 +50,30 @@ def validate(model: type[Model], data: object, name: str) -> Model:
     Raises:
         ConfigError: A key is unknown or a value is wrong; the message names all of them.
     """
+    if faults := "; ".join(_not_finite(data)):
+        raise ConfigError(f"{name}: {faults}")
     try:
         return model.model_validate(data)
     except ValidationError as error:
         faults = "; ".join(
-            f"{'.'.join(map(str, e['loc'])) or 'top level'}: {e['msg']} (got {e['input']!r:.60})"
+            f"{'.'.join(map(str, e['loc'])) or 'top level'}: "
+            f"{_MESSAGES.get(e['type'], e['msg'])} (got {e['input']!r:.60})"
             for e in error.errors()
         )
         raise ConfigError(f"{name}: {faults}") from error
+
+
+def _not_finite(data: object, key: str = "") -> Iterator[str]:
+    """What is wrong with each number that is infinite or NaN."""
+    if isinstance(data, float) and not math.isfinite(data):
+        yield f"{key}: {data} is not a finite number"
+    items: Iterable[tuple[object, object]] = ()
+    if isinstance(data, Mapping):
+        items = data.items()
+    elif isinstance(data, list | tuple):
+        items = enumerate(data)
+    for name, value in items:
+        yield from _not_finite(value, f"{key}.{name}" if key else str(name))
 
 
 def to_yaml(model: BaseModel) -> str:

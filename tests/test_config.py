@@ -26,12 +26,15 @@ def test_yaml_round_trips(tmp_path):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"sed": 1}, "sed"),
+        ({"sed": 1}, "sed: there is no such key"),
         ({"seed": -1}, "seed"),
         ({"candidates": 0}, "candidates"),
         ({"simulation": {"time_step": 1.0}}, r"simulation\.time_step.*got 1\.0"),
         ({"planner": {"strenght": 1}}, r"planner\.strenght"),
-        ({"simulation": {"friction": float("nan")}}, r"simulation\.friction"),
+        ({"simulation": {"friction": float("nan")}}, r"simulation\.friction: nan"),
+        ({"simulation": {"hold": float("inf")}}, r"simulation\.hold: inf is not a finite"),
+        ({"simulation": {"controller": {"start": float("-inf")}}}, r"controller\.start: -inf"),
+        ({"simulation": {"hold": 1e9}}, r"simulation\.hold.*got 1000000000\.0"),
         (["a list"], "top level"),
     ],
 )
