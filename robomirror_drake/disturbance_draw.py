@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from robomirror_drake.disturbance import DisturbanceOptions, Push, RandomPushes, SensorNoise
 from robomirror_drake.messages import Array
+from robomirror_drake.optimization.floating_base import product
 
 Stream = Literal[
     "friction",
@@ -49,7 +50,7 @@ class Drawn(NamedTuple):
     strength: float
 
 
-def random(seed: int, stream: Stream, count: int = 0) -> np.random.Generator:
+def stream_rng(seed: int, stream: Stream, count: int = 0) -> np.random.Generator:
     """A generator that depends on these three alone."""
     return np.random.default_rng([get_args(Stream).index(stream), count, seed])
 
@@ -58,13 +59,13 @@ def draw(options: DisturbanceOptions, seed: int, links: int) -> Drawn:
     """Draws what is constant during a run, for a robot of so many links."""
 
     def one(stream: Stream, ends: tuple[float, float]) -> float:
-        return float(random(seed, stream).uniform(*ends))
+        return float(stream_rng(seed, stream).uniform(*ends))
 
     actuators, shift = options.actuators, options.center_of_mass
     return Drawn(
         friction=None if options.friction is None else one("friction", options.friction),
         mass=1.0 + one("mass", options.mass),
-        center_of_mass=random(seed, "center_of_mass").uniform(-shift, shift, (links, 3)),
+        center_of_mass=stream_rng(seed, "center_of_mass").uniform(-shift, shift, (links, 3)),
         latency=one("latency", actuators.latency),
         lag=one("lag", actuators.lag),
         strength=one("strength", actuators.strength),
@@ -73,7 +74,7 @@ def draw(options: DisturbanceOptions, seed: int, links: int) -> Drawn:
 
 def random_push(options: RandomPushes, seed: int, interval: int) -> Push:
     """The push that falls into an interval of time, counted from 0."""
-    rng = random(seed, "random_pushes", interval)
+    rng = stream_rng(seed, "random_pushes", interval)
     # It ends where its interval does at the latest.
     start = interval * options.interval + rng.uniform(0.0, options.interval - options.duration)
     direction = rng.uniform(0.0, 2.0 * math.pi)
@@ -96,11 +97,11 @@ def measured(state: Array, noise: SensorNoise, seed: int, tick: int) -> Array:
         tick: Of the controller.
     """
     joints = (len(state) - 13) // 2
-    rng = random(seed, "sensors", tick)
+    rng = stream_rng(seed, "sensors", tick)
     turn, spin, angle, rate = np.split(rng.standard_normal(6 + 2 * joints), [3, 6, 6 + joints])
     seen = state.copy()
-    tilt = Rotation.from_rotvec(noise.orientation * turn)
-    seen[:4] = (Rotation.from_quat(state[:4], scalar_first=True) * tilt).as_quat(scalar_first=True)
+    tilt = Rotation.from_rotvec(noise.orientation * turn).as_quat(scalar_first=True)
+    seen[:4] = product(state[None, :4], tilt[None])[0]
     seen[7 : 7 + joints] += noise.joint_position * angle
     seen[7 + joints : 10 + joints] += noise.angular_velocity * spin
     seen[13 + joints :] += noise.joint_velocity * rate

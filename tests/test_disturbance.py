@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from robomirror_drake.config import Scenario, load_scenario
 from robomirror_drake.disturbance import DisturbanceOptions, RandomPushes, SensorNoise
-from robomirror_drake.disturbance_draw import draw, measured, random, random_push
+from robomirror_drake.disturbance_draw import draw, measured, random_push, stream_rng
 from robomirror_drake.yaml_file import to_yaml
 
 
@@ -90,8 +90,8 @@ def test_random_pushes_lie_within_their_intervals():
 
 
 def test_streams_are_not_each_other():
-    assert random(1, "mass").uniform() != random(1, "friction").uniform()
-    assert random(1, "mass").uniform() != random(2, "mass").uniform()
+    assert stream_rng(1, "mass").uniform() != stream_rng(1, "friction").uniform()
+    assert stream_rng(1, "mass").uniform() != stream_rng(2, "mass").uniform()
 
 
 @pytest.mark.parametrize(
@@ -128,3 +128,10 @@ def test_pushes_go_through_yaml(tmp_path):
     file = tmp_path / "pushes.yaml"
     file.write_text(to_yaml(scenario), encoding="utf-8")
     assert load_scenario(file) == scenario
+
+
+def test_what_has_diverged_is_measured_as_such():
+    state = np.full(59, np.nan)
+    assert np.isnan(measured(state, SensorNoise(orientation=0.01), 0, 0)[:4]).all()
+    huge = measured(np.full(59, 1e300), SensorNoise(orientation=0.01), 0, 0)
+    assert np.abs(huge).max() >= 1e300
