@@ -337,6 +337,23 @@ def test_joint_targets_are_held_at_their_rate(robot: Robot, stand: RobotReferenc
     assert len(changes) == 12
 
 
+def test_until_latency_is_over_targets_ask_for_no_torque(
+    robot: Robot, stand: RobotReference
+) -> None:
+    v = stand.v.copy()
+    v[0, 6:] = 0.1
+    moving = dataclasses.replace(stand, v=v)
+    slow = options({"actuators": {"latency": 0.01, "lag": 0.004}}, interface="joint_target")
+    _, systems, simulator = built(robot, moving, slow)
+    port = systems.plant.get_desired_state_input_port(systems.instance)
+    own = systems.plant.GetMyContextFromRoot(simulator.get_context())
+    torque_free = np.append(stand.q[0, 7:] + 0.1 * 0.1, np.zeros(23))
+    for step in range(6):
+        np.testing.assert_allclose(port.Eval(own), torque_free, atol=1e-12)
+        simulator.AdvanceTo((step + 1) * STEP)
+    assert np.abs(port.Eval(own) - torque_free).max() > 1e-3
+
+
 def test_squats_under_moderate_disturbances(robot: Robot) -> None:
     moderate = load_scenario("moderate").simulation.model_copy(update={"hold": 0.5})
     squat = squatting(robot, 0.5, 91)
