@@ -87,7 +87,7 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
         execution=done,
         outcome=evaluate(done, robot.effort_limits, systems.friction),
         robot=scenario.robot,
-        seeds={"generator": scenario.seed},
+        seeds={"generator": scenario.seed, "disturbance": scenario.seed},
     )
 
 

@@ -106,7 +106,7 @@ def test_a_whole_run_leaves_a_whole_result(monkeypatch, tmp_path, capsys):
     assert robomirror(monkeypatch, *arguments) == 0
     outcome = json.loads((folder / "outcome.json").read_text())
     assert outcome["fell"] is False
-    assert outcome["seeds"] == {"generator": 3}
+    assert outcome["seeds"] == {"generator": 3, "disturbance": 3}
     assert {f.name for f in folder.iterdir()} == {
         "outcome.json",
         "scenario.yaml",
