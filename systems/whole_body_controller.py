@@ -96,7 +96,6 @@ class WholeBodyController(LeafSystem):
         self._options = options or ControllerOptions()
         self._model = control_model(robot)
         self._tuning = tuning(self._model, self._options.qp)
-        self._scratch = scratch(self._model)
 
         nq, nv = robot.model.nq, robot.model.nv
         joints = nv - 6
@@ -106,6 +105,16 @@ class WholeBodyController(LeafSystem):
             description="reference trajectory",
             value_producer=ValueProducer(allocate=Value[object], calc=self._calc_trajectory),
             prerequisites_of_calc={self._reference_port.ticket()},
+        )
+        # In the Context, since a system written in Python outlives its diagram: Drake's
+        # bindings never let go of it.
+        self._scratch = self.DeclareCacheEntry(
+            description="scratch",
+            value_producer=ValueProducer(
+                allocate=lambda: Value[object](scratch(self._model)),
+                calc=ValueProducer.NoopCalc,
+            ),
+            prerequisites_of_calc={self.nothing_ticket()},
         )
         self._split = np.array([joints, joints + len(DIAGNOSTICS)])
         nothing_yet = np.zeros(joints + len(DIAGNOSTICS))
@@ -172,7 +181,7 @@ class WholeBodyController(LeafSystem):
         options, nq = self._options, self._robot.model.nq
         qp, stance = control_problem(
             self._model,
-            self._scratch,
+            self._scratch.Eval(context),
             self._tuning,
             self._robot.to_pinocchio(state[:nq]),
             self._robot.v_to_pinocchio(state[:nq], state[nq:]),

@@ -252,4 +252,4 @@ def test_diagrams_do_not_pile_up_in_memory(robot: Robot, nod: RobotReference) ->
     before = resident()
     for _ in range(5):
         _diagram(robot, nod)
-    assert resident() - before < 60.0
+    assert resident() - before < 20.0
