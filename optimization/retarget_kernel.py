@@ -4,11 +4,12 @@ At each sample the augmented cost of a frame x is, weights being per sample,
 
     ½ Σ w ‖p(x) − target‖²  +  ½ Σ w ‖R(x) d − goal‖²               keypoints, directions
   + ½ Σ w max(0, n · com(x) − b)²                                   support, where slow
-  + ½ ρ ‖c(x) − anchor + λ/ρ‖²                                      corners that stand
+  + ½ ρ ‖dead(c(x) − anchor + λ/ρ)‖²                                corners that stand
   + ½ ρ max(0, −c_z(x) + λ/ρ)²  +  ½ ρ max(0, m − d(x) + λ/ρ)²      floor, self-collision
 
 The first two lines are the objective, the others the augmented Lagrangian of the
-constraints (J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch. 17).
+constraints, where dead(y) is what of y exceeds ±δ. The Hessian keeps ρ within ±δ, or steps
+would run far out on the other side (J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch. 17).
 """
 
 from __future__ import annotations
@@ -103,36 +104,43 @@ class Residuals(NamedTuple):
 def cost(terms: Terms, multipliers: Multipliers, x: Array) -> tuple[float, float, Residuals]:
     """Objective and augmented cost, summed over frames x (S, 29), and the residuals."""
     objective, augmented, residuals, _, _ = _run(terms, multipliers, x, False)
-    return objective, augmented, residuals
+    return objective, float(augmented.sum()), residuals
 
 
 def normal_equations(
     terms: Terms, multipliers: Multipliers, x: Array
-) -> tuple[float, float, Residuals, Array, Array]:
-    """As :func:`cost`, and the augmented cost's gradient (S, 29) and Hessian (S, 29, 29).
-
-    Only the lower triangle of the Hessian is meaningful where it is spread into bands, so
-    both are filled.
-    """
-    return _run(terms, multipliers, x, True)
+) -> tuple[Array, Residuals, Array, Array]:
+    """Augmented cost of each frame (S,), the residuals, gradient (S, 29), Hessian (S, 29, 29)."""
+    return _run(terms, multipliers, x, True)[1:]
 
 
 def _run(
     terms: Terms, multipliers: Multipliers, x: Array, derivatives: bool
-) -> tuple[float, float, Residuals, Array, Array]:
+) -> tuple[float, Array, Residuals, Array, Array]:
     samples, n = x.shape
     residuals = Residuals(
         np.zeros((samples, 8, 3)),
         np.empty((samples, 8)),
         np.empty((samples, len(terms.capsules.pairs))),
     )
+    augmented = np.empty(samples)
     gradient = np.zeros((samples if derivatives else 0, n))
     hessian = np.zeros((samples if derivatives else 0, n, n))
-    objective, augmented = _frames(
-        terms, multipliers, np.ascontiguousarray(x), derivatives, residuals, gradient, hessian
+    objective = _frames(
+        terms,
+        multipliers,
+        np.ascontiguousarray(x),
+        derivatives,
+        augmented,
+        residuals,
+        gradient,
+        hessian,
     )
     return objective, augmented, residuals, gradient, hessian
 
+
+DEADBAND = 5e-4
+"""Within which a standing corner stands: a spline cannot stand still exactly [m]."""
 
 FAR = 0.1
 """Distance above which a pair's own is not worked out [m]."""
@@ -243,7 +251,7 @@ def _add_row(row, weight, force, g, H):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _frames(terms, multipliers, x, derivatives, residuals, gradient, hessian):  # type: ignore[no-untyped-def]
+def _frames(terms, multipliers, x, derivatives, costs, residuals, gradient, hessian):  # type: ignore[no-untyped-def]
     tree, capsules = terms.tree, terms.capsules
     bodies, n = len(tree.parent), x.shape[1]
     R, p, turn = np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty((3, 3))
@@ -257,6 +265,7 @@ def _frames(terms, multipliers, x, derivatives, residuals, gradient, hessian):  
     objective = augmented = 0.0
 
     for t in range(x.shape[0]):
+        already = objective + augmented
         _forward(tree, terms.reference[t], x[t], R, p, turn)
         W[:] = 0.0
         for i in range(3):
@@ -315,6 +324,7 @@ def _frames(terms, multipliers, x, derivatives, residuals, gradient, hessian):  
                 for i in range(3):
                     residuals.stance[t, k, i] = u[i]
                     u[i] = u[i] * rho + multipliers.stance[t, k, i]
+                    u[i] -= min(max(u[i], -rho * DEADBAND), rho * DEADBAND)
                     augmented += 0.5 * u[i] * u[i] / rho
                 _add_point(W[b], s, rho, rho, rho, u[0], u[1], u[2])
             else:
@@ -384,11 +394,12 @@ def _frames(terms, multipliers, x, derivatives, residuals, gradient, hessian):  
                             row[j] += n1 * (share * v1 + a2 * m0 - a0 * m2)
                         _add_row(row, w, w * outside, g, H)
 
+        costs[t] = objective + augmented - already
         if derivatives:
             for i in range(n):
                 for j in range(i):
                     H[j, i] = H[i, j]
-    return objective, objective + augmented
+    return objective
 
 
 @njit(cache=True)

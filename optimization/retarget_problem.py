@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
@@ -176,17 +177,24 @@ def _quickness(targets: Targets, whole: spline.Basis, basis: spline.Basis, windo
 
 def multiply_diagonal(quadratic: Array, control: Array) -> Array:
     """(K, n) product of a Hessian (4, K, n) that does not couple coordinates with ``control``."""
-    product = quadratic[0] * control
-    for r in range(1, spline.ORDER):
-        product[:-r] += quadratic[r, :-r] * control[r:]
-        product[r:] += quadratic[r, :-r] * control[:-r]
-    return np.asarray(product)
+    return np.asarray(_multiply_diagonal(quadratic, control))
 
 
 def add_diagonal_band(band: Array, quadratic: Array) -> None:
     """Adds such a Hessian to a banded one (K n, 4 n)."""
     _, points, n = quadratic.shape
     band.reshape(points, n, spline.ORDER, n)[..., 0] += quadratic.transpose(1, 2, 0)
+
+
+@njit(cache=True)
+def _multiply_diagonal(quadratic, control):  # type: ignore[no-untyped-def]
+    product = quadratic[0] * control
+    for r in range(1, len(quadratic)):
+        for k in range(len(control) - r):
+            for i in range(control.shape[1]):
+                product[k, i] += quadratic[r, k, i] * control[k + r, i]
+                product[k + r, i] += quadratic[r, k, i] * control[k, i]
+    return product
 
 
 def _reference_quaternions(basis: spline.Basis, targets: Targets, kept: Array | None) -> Array:

@@ -18,6 +18,7 @@ Source: C. de Boor, "A Practical Guide to Splines", 1978, ch. IX–XI.
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -31,9 +32,8 @@ from robomirror_drake.messages import Array
 ORDER = 4
 """Number of control points that act on one instant."""
 
-# A band is too narrow to share: on a busy machine, threads that wait for each other made one
-# factorization a thousand times slower.
 _BLAS = ThreadpoolController().select(user_api="blas")
+_UNBLOCKED = 32  # width up to which LAPACK works on a band without BLAS
 
 # Row r: coefficients of 1, u, u², u³ in the weight of the r-th control point.
 _BLEND = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6.0
@@ -127,9 +127,11 @@ def add_blocks(band: Array, basis: Basis, hessian: Array, rows: int = 0, columns
         columns: Which derivative of x is z.
     """
     y, z = basis.weights[rows], basis.weights[columns]
-    _add_blocks(band, basis.first, y, z, hessian)
-    if rows != columns:
-        _add_blocks(band, basis.first, z, y, hessian.transpose(0, 2, 1))
+    if rows == columns:
+        _add_blocks(band, basis.first, y, z, hessian)
+    else:
+        _add_blocks(band, basis.first, y, z, np.ascontiguousarray(hessian.transpose(0, 2, 1)))
+        _add_blocks(band, basis.first, z, y, hessian)
 
 
 def add_diagonal(band: Array, basis: Basis, diagonal: Array, derivative: int = 0) -> None:
@@ -149,24 +151,48 @@ def multiply(band: Array, x: Array) -> Array:
     return np.asarray(_multiply(band, x))
 
 
+def one_thread(width: int) -> AbstractContextManager[object]:
+    """Context in which linear algebra on bands (…, ``width``) keeps to one thread.
+
+    A band is too narrow to share: on a busy machine, threads that wait for each other made one
+    factorization a thousand times slower. The narrowest are not shared anyway.
+    """
+    return _BLAS.limit(limits=1) if width > _UNBLOCKED else nullcontext()
+
+
 def factorize(band: Array) -> Array:
     """Cholesky factor of a banded Hessian, or of its trailing part, in the same form.
 
     Raises:
         numpy.linalg.LinAlgError: The matrix is not positive definite.
     """
-    with _BLAS.limit(limits=1):
+    with one_thread(band.shape[1]):
         factor, info = lapack.dpbtrf(band.T, lower=1)
-    if info != 0:
-        raise np.linalg.LinAlgError(f"leading minor {info} is not positive definite")
+    _check(info)
     return np.asarray(factor).T
 
 
 def substitute(factor: Array, right: Array) -> Array:
     """Solves A x = ``right`` with A's factor from :func:`factorize`."""
-    with _BLAS.limit(limits=1):
+    with one_thread(factor.shape[1]):
         x, _ = lapack.dpbtrs(factor.T, right, lower=1)
     return np.asarray(x)
+
+
+def solve_in_place(band: Array, right: Array) -> Array:
+    """Solves A x = ``right`` and spends ``band`` on it; call it within :func:`one_thread`.
+
+    Raises:
+        numpy.linalg.LinAlgError: The matrix is not positive definite.
+    """
+    _, x, info = lapack.dpbsv(band.T, right, lower=1, overwrite_ab=1)
+    _check(info)
+    return np.asarray(x)
+
+
+def _check(info: int) -> None:
+    if info != 0:
+        raise np.linalg.LinAlgError(f"leading minor {info} is not positive definite")
 
 
 def fit(basis: Basis, samples: Array, smoothing: float = 1e-8) -> Array:
@@ -208,17 +234,20 @@ def _spread_gradient(first, weights, gradient, control):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def _add_blocks(band, first, y, z, hessian):  # type: ignore[no-untyped-def]
-    n = hessian.shape[1]
+def _add_blocks(band, first, y, z, mirrored):  # type: ignore[no-untyped-def]
+    """Adds blocks given by their transposes, whose rows are the band's."""
+    n = mirrored.shape[1]
     for t in range(len(first)):
         for r in range(4):
             for s in range(r + 1):  # control points on and below the diagonal
                 w = y[t, r] * z[t, s]
                 for j in range(n):
-                    column = (first[t] + s) * n + j
+                    start = j if r == s else 0
                     shift = (r - s) * n - j
-                    for i in range(j if r == s else 0, n):
-                        band[column, shift + i] += w * hessian[t, i, j]
+                    column = band[(first[t] + s) * n + j, shift + start : shift + n]
+                    block = mirrored[t, j, start:]
+                    for i in range(n - start):
+                        column[i] += w * block[i]
 
 
 @njit(cache=True)

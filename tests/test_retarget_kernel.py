@@ -61,9 +61,22 @@ def x(rng):
 
 
 def test_cost_and_normal_equations_agree(terms, multipliers, x):
-    assert retarget_kernel.cost(terms, multipliers, x)[:2] == pytest.approx(
-        retarget_kernel.normal_equations(terms, multipliers, x)[:2], rel=1e-14
-    )
+    costs, *_ = retarget_kernel.normal_equations(terms, multipliers, x)
+    assert retarget_kernel.cost(terms, multipliers, x)[1] == pytest.approx(costs.sum(), rel=1e-14)
+    for t in range(FRAMES):
+        one = terms._replace(
+            **{
+                name: getattr(terms, name)[t : t + 1]
+                for name in (
+                    "reference", "target", "weight", "goal", "direction_weight", "anchor",
+                    "standing", "support", "support_weight",
+                )
+            }
+        )  # fmt: skip
+        mine = multipliers._replace(
+            **{name: getattr(multipliers, name)[t : t + 1] for name in multipliers._fields[:3]}
+        )
+        assert retarget_kernel.cost(one, mine, x[t : t + 1])[1] == pytest.approx(costs[t])
 
 
 def test_gradient(terms, multipliers, x):

@@ -110,6 +110,7 @@ def test_solve_whole_and_trailing(rng):
         x = spline.substitute(spline.factorize(band[start:]), b[start:])
         np.testing.assert_allclose(dense(band[start:]) @ x, b[start:], atol=1e-8)
         np.testing.assert_allclose(spline.multiply(band[start:], x), b[start:], atol=1e-8)
+        np.testing.assert_allclose(spline.solve_in_place(band[start:].copy(), b[start:]), x)
 
 
 def test_indefinite_matrix_is_refused():
@@ -117,3 +118,5 @@ def test_indefinite_matrix_is_refused():
     band[:, 0] = -1.0
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         spline.factorize(band)
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        spline.solve_in_place(band, np.ones(4))
