@@ -96,6 +96,8 @@ def test_unknown_commands_are_refused_with_the_nearest_three(text: str) -> None:
         ("walks at 30 km/h", "out of range"),
         ("turns 99999 degrees", "out of range"),
         ("jumps while squatting", "same time"),
+        ("do not walk", "'do not' is not understood"),
+        ("wave, but don't bow", '"don\'t" is not understood'),
         ("dances while clapping", "same time"),
         (" then ".join(["jump"] * 20), "actions in one command"),
     ],
@@ -161,6 +163,8 @@ def test_quantity(text: str, field: str, value: float | str | None) -> None:
 def test_order_and_company() -> None:
     assert actions("claps after walking forward") == ["walk_forward", "clap"]
     assert actions("bows before jumping") == ["bow", "jump"]
+    walk, wave = parse("while walking forward, waves the left hand")
+    assert (walk.action, wave.action, wave.accompanies) == ("walk_forward", "wave", True)
     walk, wave = parse("waves the left hand while walking forward")
     assert (walk.action, walk.accompanies) == ("walk_forward", False)
     assert (wave.action, wave.accompanies, wave.side) == ("wave", True, "left")

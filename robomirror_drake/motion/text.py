@@ -25,6 +25,12 @@ _SEQUENCE = re.compile(
 # After these one begins where the words of an action follow.
 _JOIN = re.compile(r"\s*(?:,\s*and\b|,|\band\b)\s*")
 _WHILE = re.compile(r"\s*,?\s*\b(?:while|simultaneously|at the same time(?: as)?)\b,?\s*")
+_WHILE_FIRST = re.compile(r"^while (?P<second>[^,]+), ?(?P<first>.+)$")
+# What shall not be done; "does not move" is standing.
+_NEGATION = re.compile(
+    r"\b(?:(?:do|does|must|should|will|shall) not|don't|doesn't|mustn't|shouldn't|won't|never)\b"
+    r"(?! (?:move|stir|budge))"
+)
 _AFTER = re.compile(r"^(?P<second>.+?),?\s+after (?P<first>\w+ing\b.*)$")
 # The way back to the neutral stance, which every action takes by itself.
 _RECOVERY = re.compile(
@@ -75,11 +81,16 @@ def parse(text: str) -> tuple[Clause, ...]:
     """The clauses of a command, in the order in which they are done.
 
     Raises:
-        InputError: The text is empty, too long, not in English letters, asks for a quantity
-            out of range, or for two actions at once that need the same limbs.
+        InputError: The text is empty, too long, not in English letters, says what shall not
+            be done, asks for a quantity out of range, or for two actions at once that need
+            the same limbs.
         UnknownCommandError: A clause names no known action.
     """
     command = _checked(text)
+    if denied := _NEGATION.search(command):
+        raise InputError(f"{denied[0]!r} is not understood; say only what shall be done")
+    if together := _WHILE_FIRST.match(command):
+        command = f"{together['first']} while {together['second']}"
     inverted = _AFTER.match(command)
     if inverted:
         command = f"{inverted['first']} then {inverted['second']}"
