@@ -40,14 +40,14 @@ class WrenchSamples(NamedTuple):
         jacobians: (3, T, 6, 30) derivatives with respect to x, ẋ, ẍ; None if not asked for.
         links: (T, L, 4, 4) poses of the frames asked for, in world.
         motion: (T, 6, 29) Jacobian of Pinocchio, world, linear first, about the origin.
-        tangent: (T, 6, 7) base twist in its own frame, linear first, per ẋ of the base.
+        at: The trajectory in Pinocchio's coordinates.
     """
 
     wrench: Array
     jacobians: Array | None
     links: Array
     motion: Array
-    tangent: Array
+    at: Tangent
 
 
 class Tangent(NamedTuple):
@@ -75,7 +75,7 @@ def _conjugate_product(r: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _cross(a: Array) -> Array:
+def cross_matrix(a: Array) -> Array:
     """(…, 3, 3) matrix of b ↦ a × b."""
     x, y, z = np.moveaxis(a, -1, 0)
     o = np.zeros_like(x)
@@ -135,14 +135,14 @@ def tangent(x: Array, xd: Array, xdd: Array) -> Tangent:
     dq = np.zeros((T, 6, 7))
     dq[:, :3, 4:], dq[:, 3:, :4] = R_T, E
     dv = np.zeros((2, T, 6, 7))
-    dv[0, :, :3, :4] = _cross(lin) @ E
+    dv[0, :, :3, :4] = cross_matrix(lin) @ E
     dv[0, :, 3:, :4] = w_r
     dv[1] = dq
     # a_lin = Rᵀ p̈ − ω × v_lin
     da = np.zeros((3, T, 6, 7))
-    spin, speed = _cross(w), _cross(lin)
+    spin, speed = cross_matrix(w), cross_matrix(lin)
     da[0, :, :3] = -spin @ dv[0, :, :3] + speed @ dv[0, :, 3:]
-    da[0, :, :3, :4] += _cross(lin_acc) @ E
+    da[0, :, :3, :4] += cross_matrix(lin_acc) @ E
     da[0, :, 3:, :4] = wd_r
     da[1, :, :3] = -spin @ dv[1, :, :3] + speed @ dv[1, :, 3:]
     da[1, :, 3:, :4] = wd_rd
@@ -152,6 +152,14 @@ def tangent(x: Array, xd: Array, xdd: Array) -> Tangent:
     v = np.concatenate([lin, w, xd[:, 7:]], axis=1)
     a = np.concatenate([lin_acc - np.cross(w, lin), wd, xdd[:, 7:]], axis=1)
     return Tangent(q=q, v=v, a=a, dq=dq, dv=dv, da=da)
+
+
+def chart_jacobians(by_q: Array, by_v: Array, by_a: Array, at: Tangent) -> Array:
+    """(3, T, m, 30) derivatives by x, ẋ, ẍ from those (T, m, 29) by Pinocchio's q, v, a."""
+    by_x, by_xd, by_xdd = _chain(by_q, at.dq), _chain(by_v, at.dv[1]), _chain(by_a, at.da[2])
+    by_x[:, :, :7] += by_v[:, :, :6] @ at.dv[0] + by_a[:, :, :6] @ at.da[0]
+    by_xd[:, :, :7] += by_a[:, :, :6] @ at.da[1]
+    return np.stack([by_x, by_xd, by_xdd])
 
 
 def _chain(J: Array, base: Array) -> Array:
@@ -187,19 +195,16 @@ def sample(
     force = hdot[:, :3] + np.array([0.0, 0.0, mass * GRAVITY])
     wrench = np.concatenate([np.cross(com, force) + hdot[:, 3:], force], axis=1)
     if not derivatives:
-        return WrenchSamples(wrench, None, links, motion, at.dq)
+        return WrenchSamples(wrench, None, links, motion, at)
     # dn = c × df − f × dc + dL̇, and m dc is the linear part of dḣ/da.
-    lever, load = _cross(com), _cross(force)
+    lever, load = cross_matrix(com), cross_matrix(force)
 
     def to_wrench(d: Array) -> Array:
         return np.concatenate([lever @ d[:, :3] + d[:, 3:], d[:, :3]], axis=1)
 
     by_q, by_v, by_a = to_wrench(dq), to_wrench(dv), to_wrench(da)
     by_q[:, :3] -= load @ da[:, :3] / mass
-    by_x, by_xd, by_xdd = _chain(by_q, at.dq), _chain(by_v, at.dv[1]), _chain(by_a, at.da[2])
-    by_x[:, :, :7] += by_v[:, :, :6] @ at.dv[0] + by_a[:, :, :6] @ at.da[0]
-    by_xd[:, :, :7] += by_a[:, :, :6] @ at.da[1]
-    return WrenchSamples(wrench, np.stack([by_x, by_xd, by_xdd]), links, motion, at.dq)
+    return WrenchSamples(wrench, chart_jacobians(by_q, by_v, by_a, at), links, motion, at)
 
 
 def frame_support(model: Any, frames: list[int]) -> npt.NDArray[np.bool_]:
@@ -218,14 +223,14 @@ def point_jacobians(samples: WrenchSamples, support: npt.NDArray[np.bool_], poin
     ``support`` (P, 29) says which velocities move each point.
     """
     linear, angular = samples.motion[:, :3], samples.motion[:, 3:]
-    J = linear[:, None] - _cross(points) @ angular[:, None]
+    J = linear[:, None] - cross_matrix(points) @ angular[:, None]
     J *= support[None, :, None, :]
-    base = J[..., :6] @ samples.tangent[:, None]
+    base = J[..., :6] @ samples.at.dq[:, None]
     return np.concatenate([base, J[..., 6:]], axis=-1)
 
 
 def rotation_jacobians(samples: WrenchSamples, support: npt.NDArray[np.bool_]) -> Array:
     """(T, L, 3, 30) derivative of link orientations, as rotation vectors in world."""
     J = samples.motion[:, None, 3:] * support[None, :, None, :]
-    base = J[..., :6] @ samples.tangent[:, None]
+    base = J[..., :6] @ samples.at.dq[:, None]
     return np.asarray(np.concatenate([base, J[..., 6:]], axis=-1))

@@ -25,7 +25,9 @@ class PlanOptions(BaseModel):
     )
     max_normal_force: float = Field(2.5, gt=1.0, description="normal force [body weights]")
     clearance: float = Field(0.03, ge=0.0, le=0.2, description="of soles in mid-swing [m]")
+    self_distance: float = Field(0.01, ge=0.0, le=0.1, description="between own links [m]")
     min_knee: float = Field(0.3, ge=0.0, le=1.0, description="least planned knee angle [rad]")
+    torque_share: float = Field(0.75, gt=0.0, le=1.0, description="of the joints' torque limits")
     speed_share: float = Field(0.8, gt=0.0, le=1.0, description="of the joints' speed limits")
     lead: float = Field(
         0.8, ge=0.0, le=5.0, description="time added where a reference is cut in mid-motion [s]"

@@ -3,8 +3,9 @@
 A plan is a cubic B-spline on the robot's whole configuration, at rest at both ends. Its
 cost is a sum of squares over samples of the distance to a kinematic reference (keypoints,
 trunk orientations, posture, accelerations); its constraints are rows lower ≤ y ≤ upper:
-wrench cones, sole corners, joint velocities. Equalities enter as an augmented Lagrangian,
-inequalities as relaxed barriers, so that every step is a Newton step on a banded matrix.
+wrench cones, sole corners, joint velocities and torques, gaps between the links. Equalities
+enter as an augmented Lagrangian, inequalities as relaxed barriers, so that every step is a
+Newton step on a banded matrix.
 
 Source: J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch. 10 and 17.
 """
@@ -16,13 +17,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.messages import Array
 from robomirror_drake.optimization import centroidal, spline
+from robomirror_drake.optimization.plan_collision import gap_jacobians, gaps
 from robomirror_drake.optimization.plan_contacts import Cones
+from robomirror_drake.optimization.plan_frames import Frames
 from robomirror_drake.optimization.plan_penalty import Penalty, Rows, bound_terms
+from robomirror_drake.optimization.plan_torque import Split, joint_torques
 from robomirror_drake.robot import Robot
 
-GROUPS = ("wrench", "corners", "speed")
+GROUPS = ("wrench", "corners", "speed", "gaps", "torque")
 """Groups of constraint rows."""
 
 
@@ -44,62 +48,20 @@ class Weights(NamedTuple):
     damping: Array
 
 
-@dataclass(frozen=True)
-class Frames:
-    """Which points of the robot the problem looks at.
-
-    Attributes:
-        links: Pinocchio ids of the links' frames.
-        owner: (P,) row of ``links`` that carries each point: 8 corners, then the keypoints.
-        local: (P, 3) points in their links' frames [m].
-        trunk: Rows of ``links`` whose orientation is tracked.
-        support: (L, 29) which velocities move each link.
-    """
-
-    links: list[int]
-    owner: list[int]
-    local: Array
-    trunk: list[int]
-    support: BoolArray
-
-    @staticmethod
-    def of(robot: Robot) -> Frames:
-        """The sole corners, keypoints and trunk links of a robot."""
-        keypoints = robot.spec.keypoints.values()
-        trunk = [robot.frame_id(robot.spec.base_link)]
-        trunk.append(robot.frame_id(robot.spec.keypoints["neck"].link))
-        carriers = [frame for frame in robot.foot_frames for _ in range(4)]
-        carriers += [robot.frame_id(keypoint.link) for keypoint in keypoints]
-        links = sorted({*carriers, *trunk})
-        return Frames(
-            links=links,
-            owner=[links.index(frame) for frame in carriers],
-            local=np.concatenate(
-                [robot.sole_corners.reshape(8, 3), [keypoint.point for keypoint in keypoints]]
-            ),
-            trunk=[links.index(frame) for frame in trunk],
-            support=centroidal.frame_support(robot.model, links),
-        )
-
-    def points(self, links: Array) -> Array:
-        """(T, P, 3) the points in world, from link poses (T, L, 4, 4)."""
-        carried = links[:, self.owner]
-        turned = np.einsum("tpij,pj->tpi", carried[..., :3, :3], self.local)
-        return np.asarray(turned + carried[..., :3, 3])
-
-
 class Evaluation(NamedTuple):
     """The problem at one trajectory.
 
     Attributes:
         cost: Half the sum of squares, multipliers included.
         values: Constraint rows y by group, (T, m).
+        wrench: (T, 6) contact wrench about the world's origin.
         points: (T, P, 3) points of :class:`Frames` in world [m].
         band, gradient: Gauss–Newton matrix and gradient; None without derivatives.
     """
 
     cost: float
     values: dict[str, Array]
+    wrench: Array
     points: Array
     band: Array | None
     gradient: Array | None
@@ -118,8 +80,10 @@ class Problem:
         target_points: (T, P, 3) points of the kinematic reference [m].
         target_trunk: (T, 2, 3, 3) orientations of the trunk links.
         rows: Bounds of each group: ``wrench`` (T, 16), ``corners`` (T, 24) [m], ``speed``
-            (T, 23) as shares of the limits.
+            (T, 23) as shares of the limits, ``gaps`` (T, M) between the robot's own links [m],
+            ``torque`` (T, 23) as shares of the limits.
         cones: The wrench cones whose rows ``wrench`` are.
+        split: How the feet share the wrench, for the torques.
         weights: See :class:`Weights`.
     """
 
@@ -132,6 +96,7 @@ class Problem:
     target_trunk: Array
     rows: dict[str, Rows]
     cones: Cones
+    split: Split
     weights: Weights
 
     def evaluate(
@@ -155,10 +120,19 @@ class Problem:
             self.robot.model, self.frames.links, x, xd, xdd, derivatives=derivatives
         )
         points = self.frames.points(samples.links)
+        torque, of_torque = joint_torques(
+            self.robot,
+            samples,
+            self.split,
+            self.frames.support[self.frames.owner[0:8:4]],
+        )
+        apart = gaps(self.frames.capsules, samples.links)
         y = {
             "wrench": np.einsum("trw,tw->tr", self.cones.rows, samples.wrench),
             "corners": points[:, :8].reshape(len(x), 24),
             "speed": xd[:, 7:] / self.robot.velocity_limits,
+            "gaps": apart.distance,
+            "torque": torque / self.robot.effort_limits,
         }
         terms = {
             name: bound_terms(y[name], self.rows[name], penalty[name], multipliers[name])
@@ -181,35 +155,55 @@ class Problem:
             + np.sum(gauge**2)
         )
         cost += sum(term.cost for term in terms.values())
-        if samples.jacobians is None:
-            return Evaluation(cost, y, points, None, None)
+        if samples.jacobians is None or of_torque is None:
+            return Evaluation(cost, y, samples.wrench, points, None, None)
 
         # Residuals and Jacobians of what depends on x alone …
         of_points = centroidal.point_jacobians(
             samples, self.frames.support[self.frames.owner], points
         )
         of_trunk = centroidal.rotation_jacobians(samples, self.frames.support)[:, self.frames.trunk]
+        of_gaps = gap_jacobians(self.frames.capsules, apart, samples.motion, self.frames.support)
         stiff = np.sqrt(terms["corners"].curvature)
+        tight = np.sqrt(terms["gaps"].curvature)
         J = np.concatenate(
             [
                 stiff[..., None] * of_points[:, :8].reshape(len(x), 24, 30),
                 w.keypoint * of_points[:, 8:].reshape(len(x), -1, 30),
                 w.orientation * of_trunk.reshape(len(x), -1, 30),
+                np.pad(tight[..., None] * of_gaps, ((0, 0), (0, 0), (7, 0))),
                 np.pad(2.0 * x[:, None, :4], ((0, 0), (0, 0), (0, 26))),
             ],
             axis=1,
         )
         push = terms["corners"].slope / np.where(stiff > 0.0, stiff, 1.0)
         r = np.concatenate(
-            [push, w.keypoint * keypoints, w.orientation * tilt, gauge[:, None]], axis=1
+            [
+                push,
+                w.keypoint * keypoints,
+                w.orientation * tilt,
+                terms["gaps"].slope / tight,
+                gauge[:, None],
+            ],
+            axis=1,
         )
-        # … and of the wrench, which depends on x, ẋ and ẍ.
-        wrench = self.cones.rows[None] @ samples.jacobians
-        stiff_wrench = wrench * terms["wrench"].curvature[None, :, :, None]
+        # … and of wrench and torques, which depend on x, ẋ and ẍ.
+        wrench = np.concatenate(
+            [
+                self.cones.rows[None] @ samples.jacobians,
+                of_torque / self.robot.effort_limits[:, None],
+            ],
+            axis=2,
+        )
+        slope, curvature = (
+            np.concatenate([getattr(terms[name], kind) for name in ("wrench", "torque")], axis=1)
+            for kind in ("slope", "curvature")
+        )
+        stiff_wrench = wrench * curvature[None, :, :, None]
         transposed = np.swapaxes(stiff_wrench, -1, -2)
         hessian = {(i, j): transposed[i] @ wrench[j] for i in range(3) for j in range(i + 1)}
         hessian[0, 0] += np.swapaxes(J, 1, 2) @ J
-        gradient = np.einsum("atri,tr->ati", wrench, terms["wrench"].slope)
+        gradient = np.einsum("atri,tr->ati", wrench, slope)
         gradient[0] += np.einsum("tri,tr->ti", J, r) + w.posture**2 * astray
         gradient[2] += w.acceleration**2 * surge + w.damping**2 * xdd
         gradient[1, :, 7:] += terms["speed"].slope / self.robot.velocity_limits
@@ -223,7 +217,7 @@ class Problem:
         for (i, j), block in hessian.items():
             spline.add_blocks(band, self.basis, block, rows=i, columns=j)
         total = sum(spline.spread_gradient(self.basis, gradient[i], i) for i in range(3))
-        return Evaluation(cost, y, points, band, np.asarray(total))
+        return Evaluation(cost, y, samples.wrench, points, band, np.asarray(total))
 
 
 def rest_at_both_ends(basis: spline.Basis) -> spline.Basis:

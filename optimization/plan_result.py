@@ -12,8 +12,8 @@ from robomirror_drake.optimization.plan_contacts import (
     wrench_cones,
 )
 from robomirror_drake.optimization.plan_forces import share_wrench
+from robomirror_drake.optimization.plan_frames import Frames
 from robomirror_drake.optimization.plan_options import PlanOptions
-from robomirror_drake.optimization.plan_problem import Frames
 from robomirror_drake.optimization.plan_schedule import loaded_corners
 from robomirror_drake.optimization.plan_setup import Padded
 from robomirror_drake.robot import Robot, rotation_matrix

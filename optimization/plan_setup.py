@@ -15,10 +15,10 @@ from robomirror_drake.optimization.plan_contacts import (
     outside,
     wrench_cones,
 )
+from robomirror_drake.optimization.plan_frames import Frames
 from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_penalty import Rows
 from robomirror_drake.optimization.plan_problem import (
-    Frames,
     Problem,
     Weights,
     rest_at_both_ends,
@@ -29,6 +29,7 @@ from robomirror_drake.optimization.plan_schedule import (
     steady,
 )
 from robomirror_drake.optimization.plan_solver import Standing
+from robomirror_drake.optimization.plan_torque import Split
 from robomirror_drake.robot import Robot
 
 _AT_REST = 0.2  # speeds below this are rest [m/s, rad/s]
@@ -145,10 +146,13 @@ def problem(
         loaded=loaded,
         least=clearance(contact, options.clearance, options.samples_per_knot / spacing),
         cone=options.cone(robot),
+        torque_share=options.torque_share,
         slack=(1.0 - options.strength) * outside(cones, kinematic.wrench).max(axis=1),
     )
     unbounded = np.full((len(time), 24), np.inf)
     share = np.full((len(time), 23), options.speed_share)
+    unlimited = np.full((len(time), 23), np.inf)
+    apart = np.full((len(time), len(looked_at.capsules.pairs)), options.self_distance)
     made = Problem(
         robot=robot,
         frames=looked_at,
@@ -161,8 +165,12 @@ def problem(
             "wrench": Rows(cones.lower, cones.upper),
             "corners": Rows(-unbounded, unbounded),
             "speed": Rows(-share, share),
+            # From the first split of the wrench on they have bounds.
+            "torque": Rows(-unlimited, unlimited),
+            "gaps": Rows(apart, np.full_like(apart, np.inf)),
         },
         cones=cones,
+        split=Split(np.zeros((len(time), 2, 6, 6)), np.zeros((len(time), 2, 6))),
         weights=Weights(
             keypoint=1.0,
             orientation=0.3,

@@ -13,13 +13,17 @@ from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.plan_contacts import ConeOptions, anchors, wrench_cones
 from robomirror_drake.optimization.plan_penalty import Penalty, Rows
 from robomirror_drake.optimization.plan_problem import GROUPS, Evaluation, Problem
+from robomirror_drake.optimization.plan_torque import split_of
 
 _CONTINUATION = (0.1, 0.1, 0.1, 0.3, 1.0, 3.0, 10.0, 20.0)
+_SPLITS = (4, 7)  # levels at whose start the feet share the wrench anew
 _STEPS = (1.0, 0.5, 0.25, 0.1, 0.03)
 _PENALTY = {
     "wrench": Penalty(30.0, 2e-3),
     "corners": Penalty(1000.0, 1e-3),
     "speed": Penalty(1.0, 2e-3),
+    "torque": Penalty(10.0, 2e-3),
+    "gaps": Penalty(300.0, 1e-4),
 }
 _MULTIPLIER_LIMIT = 50.0
 _LEAST_DAMPING = 1e-4
@@ -35,6 +39,7 @@ class Standing(NamedTuple):
         contact, loaded: (T, 2, 4) corners that stand, and that may bear load.
         least: (T, 2, 4) least height of corners in the air [m].
         cone: Options of the wrench cones.
+        torque_share: Of the joints' torque limits that may be planned with.
         slack: (T,) how far outside them the wrench may be.
     """
 
@@ -42,6 +47,7 @@ class Standing(NamedTuple):
     loaded: BoolArray
     least: Array
     cone: ConeOptions
+    torque_share: float
     slack: Array
 
 
@@ -69,6 +75,15 @@ def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
         "wrench": Rows(cones.lower - slack, cones.upper + slack),
     }
     return replace(problem, rows=rows, cones=cones)
+
+
+def shared(problem: Problem, standing: Standing, at: Evaluation) -> Problem:
+    """The problem with torques for the split of the wrench that is needed at ``at``."""
+    corners = at.points[:, :8].reshape(-1, 2, 4, 3)
+    placed = anchors(corners, standing.contact, problem.robot.sole_corners)
+    split = split_of(at.wrench, placed, standing.loaded, standing.cone)
+    most = np.full_like(problem.rows["torque"].upper, standing.torque_share)
+    return replace(problem, split=split, rows={**problem.rows, "torque": Rows(-most, most)})
 
 
 def solve(
@@ -119,6 +134,8 @@ def solve(
         damping = _damping_after(damping, length)
         if level < last:
             level += length >= 0.5
+            if level in _SPLITS and length >= 0.5:
+                problem = shared(problem, standing, reached)
         elif expected < _DECREASE and violation(problem, reached.values) < tolerance:
             break
         elif expected < _SETTLED:

@@ -29,7 +29,7 @@ from robomirror_drake.optimization.plan_schedule import (
     steady,
 )
 from robomirror_drake.optimization.plan_setup import first_guess, pad, problem
-from robomirror_drake.optimization.plan_solver import anchored
+from robomirror_drake.optimization.plan_solver import anchored, shared
 from robomirror_drake.robot import load_robot
 from robomirror_drake.systems.dynamic_planner import DynamicPlanner
 
@@ -249,11 +249,16 @@ def test_gradient_of_the_problem_by_finite_differences() -> None:
     padded = pad(ROBOT, lifted_foot(), options)
     made, standing = problem(ROBOT, padded, 0.1, 20, options)
     made = anchored(made, standing, made.target_points)
+    none = {name: np.zeros_like(rows.lower) for name, rows in made.rows.items()}
+    same = {name: Penalty(1.0, 1e-3) for name in made.rows}
+    start = made.evaluate(first_guess(padded, 0.1, 20), same, none, derivatives=False)
+    made = shared(made, standing, start)
     rng = np.random.default_rng(5)
     control = first_guess(padded, 0.1, 20)
     control = control + 0.02 * rng.normal(size=control.shape)
     penalty = {"wrench": Penalty(30.0, 2e-3), "corners": Penalty(1e3, 1e-3)}
-    penalty["speed"] = Penalty(1.0, 2e-3)
+    penalty |= {"speed": Penalty(1.0, 2e-3), "gaps": Penalty(300.0, 1e-4)}
+    penalty["torque"] = Penalty(10.0, 2e-3)
     multipliers = {name: rng.normal(size=rows.lower.shape) for name, rows in made.rows.items()}
     at = made.evaluate(control, penalty, multipliers, derivatives=True)
     assert at.gradient is not None
@@ -381,6 +386,26 @@ def test_anchors_are_flat_rectangles_at_the_mean_pose() -> None:
     np.testing.assert_allclose(np.ptp(placed, axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(placed[0, 0, :, :2], corners[:, 0, :, :2].mean(axis=0), atol=1e-9)
     np.testing.assert_array_equal(placed[..., 2], 0.0)
+
+
+def test_a_pivoting_foot_is_anchored_where_it_came_down() -> None:
+    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
+    angle = np.linspace(0.0, 1.5, 40)[:, None]
+    center = corners[0, 0, :, :2].mean(axis=0)
+    x, y = np.moveaxis(corners[:, 0, :, :2] - center, -1, 0)
+    corners[:, 0, :, 0] = center[0] + np.cos(angle) * x - np.sin(angle) * y
+    corners[:, 0, :, 1] = center[1] + np.sin(angle) * x + np.cos(angle) * y
+    contact = np.ones((40, 2, 4), dtype=bool)
+
+    def heading(placed: np.ndarray) -> float:
+        lateral = placed[20, 0, 0] - placed[20, 0, 1]
+        before = corners[0, 0, 0] - corners[0, 0, 1]
+        turn = np.arctan2(lateral[1], lateral[0]) - np.arctan2(before[1], before[0])
+        return float(np.angle(np.exp(1j * turn)))
+
+    assert heading(anchors(corners, contact, ROBOT.sole_corners)) > 1.2
+    contact[:4, 0] = False
+    assert 0.1 < heading(anchors(corners, contact, ROBOT.sole_corners)) < 0.45
 
 
 def test_shared_forces_sum_up() -> None:
