@@ -138,6 +138,8 @@ def load_result(folder: Path) -> Result:
         ResultError: A file is missing or damaged; the message names it.
     """
     folder = Path(folder)
+    if not (folder / "outcome.json").is_file():
+        raise ResultError(f"{folder} is no result folder: there is no outcome.json in it")
     summary, outcome = _read_outcome(folder / "outcome.json")
     candidates = read_candidates(folder / "candidates.parquet")
     if not 0 <= summary.chosen < len(candidates):

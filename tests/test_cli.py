@@ -55,7 +55,7 @@ def test_motions_as_json_has_every_action(monkeypatch, capsys):
         (("run", "bow", "-n", "0"), "candidates"),
         (("run", "bow", "--scenario", "nonesuch"), "nonesuch"),
         (("retarget", "wave"), "no motion file"),
-        (("play", "/nowhere"), "nowhere"),
+        (("play", "/nowhere"), "/nowhere is no result folder"),
         (("survey", "--actions", "fly"), "fly"),
         (("no-such-command",), "No such command"),
         (("run", "bow", "--out", ""), "no name of its own"),
