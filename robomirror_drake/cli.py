@@ -22,7 +22,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from robomirror_drake.exceptions import InputError, ResultError, RetargetingError
+from robomirror_drake import __version__
+from robomirror_drake.exceptions import (
+    InputError,
+    PlanningError,
+    ResultError,
+    RetargetingError,
+    RoboMirrorError,
+)
 from robomirror_drake.messages import RESIDUAL_UNITS
 
 if TYPE_CHECKING:
@@ -31,7 +38,6 @@ if TYPE_CHECKING:
     from robomirror_drake.run import Stage
 
 app = typer.Typer(
-    help="A humanoid that judges a commanded motion before it moves.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -46,6 +52,21 @@ ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        out.print(f"robomirror {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
+    ] = False,
+) -> None:
+    """A humanoid that judges a commanded motion before it moves."""
 
 
 @app.command()
@@ -228,7 +249,12 @@ def _run(scenario: Scenario, live: bool) -> Result:
                 progress.start_task(tasks[stage])
             progress.update(tasks[stage], completed=share)
 
-        return run(scenario, report, viewer)
+        try:
+            return run(scenario, report, viewer)
+        except RoboMirrorError:
+            for task in tasks.values():  # the message alone says what happened
+                progress.update(task, visible=False)
+            raise
 
 
 def _save(result: Result, folder: Path) -> Path:
@@ -317,9 +343,12 @@ def main() -> None:
     logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.ERROR)
     try:
         app()
-    except (InputError, RetargetingError) as error:
+    except (InputError, RetargetingError, PlanningError) as error:
         _complain(str(error))
         raise SystemExit(2) from None
+    except RoboMirrorError as error:
+        _complain(str(error))
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     except Exception as error:

@@ -86,8 +86,16 @@ class PlanningError(RoboMirrorError):
         self.figures = dict(figures)
 
 
-class ControllerError(RoboMirrorError):
-    """The whole-body controller was given something it cannot work with."""
+class PortError(RoboMirrorError):
+    """A system's input port carries a value of the wrong type.
+
+    Attributes:
+        port: Name of the port.
+    """
+
+    def __init__(self, port: str, given: str, wanted: str) -> None:
+        super().__init__(f"port {port!r} carries {given}, expected {wanted}")
+        self.port = port
 
 
 class SimulationError(RoboMirrorError):

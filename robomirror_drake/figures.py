@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from robomirror_drake.messages import Array, BoolArray, Execution, Outcome, RobotReference
-from robomirror_drake.outcome import HEIGHT_DROP, LEAN, lean_angle
+from robomirror_drake.outcome import HEIGHT_DROP, LEAN, lean_angle, until_fall
 
 TOLD = "#9aa5b1"
 DONE = "#1f6feb"
@@ -92,6 +92,9 @@ def root_errors(execution: Execution, outcome: Outcome) -> go.Figure:
 def contacts(execution: Execution, reference: RobotReference, outcome: Outcome) -> go.Figure:
     """The contact schedule above the ground forces that were measured."""
     t = execution.time
+    own = reference.time <= t[-1]
+    # The crash after a fall would dwarf all that led to it.
+    highest = until_fall(execution).foot_force[..., 2].max(initial=1.0)
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.3, 0.7])
     parts = (("toe", slice(0, 2)), ("heel", slice(2, 4)))
     for foot, (side, color) in enumerate((("left", LEFT), ("right", RIGHT))):
@@ -102,12 +105,12 @@ def contacts(execution: Execution, reference: RobotReference, outcome: Outcome) 
             figure, t, execution.foot_force[:, foot, 2], f"{side} foot", color, row=2, legend=True
         )
         if reference.planned and reference.foot_force is not None:
-            planned = reference.foot_force[:, foot, 5]
+            planned = reference.foot_force[own, foot, 5]
             name = f"{side}, planned"
-            _line(figure, reference.time, planned, name, color, row=2, dash="dot", legend=True)
+            _line(figure, reference.time[own], planned, name, color, row=2, dash="dot", legend=True)
     _line(figure, t, execution.other_force, "other links", FAULT, row=2, legend=True)
     figure.update_yaxes(autorange="reversed", row=1)
-    figure.update_yaxes(title="ground force [N]", row=2)
+    figure.update_yaxes(title="ground force [N]", range=[-0.05 * highest, 1.25 * highest], row=2)
     figure.update_xaxes(title="time [s]", row=2)
     return _styled(_events(figure, execution, outcome), height=460)
 

@@ -15,7 +15,8 @@ All errors are means over the samples up to and including the fall.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+import dataclasses
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -124,6 +125,19 @@ def find_fall(execution: Execution) -> Fall | None:
     return Fall(sample, float(execution.time[sample]), cause)
 
 
+def until_fall(execution: Execution) -> Execution:
+    """The execution up to and including the fall, 2 samples at least; all of it without one."""
+    fall = find_fall(execution)
+    if fall is None:
+        return execution
+    stop = max(fall.sample + 1, 2)
+    values: dict[str, Any] = {
+        f.name: getattr(execution, f.name) for f in dataclasses.fields(execution)
+    }
+    arrays = {name: v[:stop] for name, v in values.items() if isinstance(v, np.ndarray)}
+    return Execution(**(values | arrays))
+
+
 def tracking_errors(execution: Execution) -> TrackingErrors:
     """Errors between what the robot did and what it was told, sample by sample."""
     joint_q = execution.q[:, 7:] - execution.q_ref[:, 7:]
@@ -173,21 +187,20 @@ def evaluate(execution: Execution, effort_limit: Array, friction: float) -> Outc
     """
     if len(execution.time) < 2:
         raise ValueError(f"an outcome needs 2 samples at least, got {len(execution.time)}")
-    fall = find_fall(execution)
-    end = len(execution.time) if fall is None else max(fall.sample + 1, 2)
-    errors = tracking_errors(execution)
-    saturated = np.abs(execution.torque[:end]) >= SATURATED * effort_limit
+    fall, upright = find_fall(execution), until_fall(execution)
+    errors = tracking_errors(upright)
+    saturated = np.abs(upright.torque) >= SATURATED * effort_limit
     return Outcome(
         fell=fall is not None,
         fall_time_s=None if fall is None else fall.time,
         fall_cause=None if fall is None else fall.cause,
-        A_q=float(errors.q[:end].mean()),
-        A_qd=float(errors.qd[:end].mean()),
-        A_qdd=float(errors.qdd[: end - 1].mean()),
-        A_p=float(errors.p[:end].mean()),
-        A_theta=float(errors.theta[:end].mean()),
+        A_q=float(errors.q.mean()),
+        A_qd=float(errors.qd.mean()),
+        A_qdd=float(errors.qdd.mean()),
+        A_p=float(errors.p.mean()),
+        A_theta=float(errors.theta.mean()),
         torque_saturation=float(saturated.mean()),
-        friction_margin=friction_margin(execution.foot_force[:end], friction),
-        energy_j=float(joint_work(execution)[: end - 1].sum()),
+        friction_margin=friction_margin(upright.foot_force, friction),
+        energy_j=float(joint_work(upright).sum()),
         duration_s=float(execution.time[-1] - execution.time[0]),
     )

@@ -109,8 +109,10 @@ def _add_planning(
             generator.GetOutputPort("candidates"), retargeter.GetInputPort("candidates")
         )
         builder.ExportOutput(generator.GetOutputPort("candidates"), "candidates")
-    else:
+    elif source == "candidates":
         builder.ExportInput(retargeter.GetInputPort("candidates"), "candidates")
+    else:
+        raise ValueError(f"source is {source!r}; give 'command' or 'candidates'")
 
     builder.Connect(retargeter.GetOutputPort("references"), selector.GetInputPort("references"))
     builder.Connect(selector.GetOutputPort("reference"), planner.GetInputPort("reference"))

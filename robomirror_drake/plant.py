@@ -36,7 +36,7 @@ def add_plant(
     drawn: Drawn,
     *,
     time_step: float,
-    ground_friction: float,
+    friction: float,
     servo: bool = False,
 ) -> Physics:
     """Adds plant and scene graph to a diagram.
@@ -46,7 +46,7 @@ def add_plant(
         robot: The robot as it is believed to be.
         drawn: What is otherwise: friction, masses and the strength of servos.
         time_step: Of the plant [s].
-        ground_friction: Coefficient of the ground where ``drawn`` has none.
+        friction: Coefficient between soles and ground where ``drawn`` has none.
         servo: Whether joints have the servos of the robot's ``joint_gains``, which are to be
             given desired states and keep to the torque limits. Without them it is the
             controller that keeps to the limits.
@@ -57,13 +57,13 @@ def add_plant(
         contact_model="point",
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
-    if drawn.friction is not None:
-        robot, ground_friction = with_friction(robot, drawn.friction), drawn.friction
+    friction = friction if drawn.friction is None else drawn.friction
+    robot = with_friction(robot, friction)
     with tempfile.TemporaryDirectory() as folder:
         if drawn.mass != 1.0 or drawn.center_of_mass.any():
             robot = with_mass_error(robot, drawn, Path(folder))
         instance = robot.add_to_plant(plant)
-    add_ground(plant, ground_friction)
+    add_ground(plant, friction)
     if servo:
         gains = robot.spec.joint_gains
         # Those of one model instance are listed after Finalize() only, which is too late.

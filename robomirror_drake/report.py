@@ -13,7 +13,7 @@ from plotly.offline import get_plotlyjs
 
 from robomirror_drake import figures
 from robomirror_drake.messages import Execution, Outcome
-from robomirror_drake.outcome import HEIGHT_DROP, LEAN, TOUCH_FORCE, lean_angle
+from robomirror_drake.outcome import HEIGHT_DROP, LEAN, TOUCH_FORCE, lean_angle, until_fall
 from robomirror_drake.results import Result
 from robomirror_drake.robot import Robot
 
@@ -90,7 +90,7 @@ def outcome_sentence(outcome: Outcome, execution: Execution) -> str:
 
 
 def _metrics(result: Result, robot: Robot) -> list[Metric]:
-    outcome, execution = result.outcome, result.execution
+    outcome, execution = result.outcome, until_fall(result.execution)
     drop = np.max(execution.q_ref[:, 6] - execution.q[:, 6])
     lean = np.max(lean_angle(execution.q[:, :4], execution.q_ref[:, :4]))
     share = np.max(np.abs(execution.torque) / robot.effort_limits)
@@ -116,7 +116,7 @@ def _metrics(result: Result, robot: Robot) -> list[Metric]:
         ),
         Metric(
             *("friction margin, least", Markup()),
-            *(f"{outcome.friction_margin:.3f}", "1", "0"),
+            *(f"{outcome.friction_margin + 0.0:.3f}", "1", "0"),
         ),
         Metric("work of the joints", Markup(), f"{outcome.energy_j:.0f}", "J"),
     ]

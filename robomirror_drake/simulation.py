@@ -31,7 +31,7 @@ class SimulationOptions(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     time_step: float = Field(0.002, gt=0.0, le=0.01, description="of the plant [s]")
-    friction: float = Field(0.6, gt=0.0, description="of the ground")
+    friction: float = Field(0.6, gt=0.0, description="between soles and ground")
     hold: float = Field(2.0, ge=0.0, le=60.0, description="how long the last pose is held [s]")
     after_fall: float = Field(0.5, ge=0.0, le=60.0, description="how long a fall is watched [s]")
     controller: ControllerOptions = ControllerOptions()
@@ -103,7 +103,7 @@ def build_execution(
         robot,
         drawn,
         time_step=options.time_step,
-        ground_friction=options.friction,
+        friction=options.friction,
         servo=options.interface == "joint_target",
     )
     plant, _, instance = physics

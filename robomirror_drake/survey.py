@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from robomirror_drake.config import Scenario
@@ -58,7 +59,9 @@ def survey_rows(
     done: dict[str, Row] = {}
     # Spawned, not forked: Drake and numba have threads by now.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(commands)), mp_context=context) as pool:
+    # And renewed now and then: Drake never frees a diagram that has Python systems in it.
+    workers = min(jobs, len(commands))
+    with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=16) as pool:
         futures = [
             pool.submit(_row, name, group, scenario.model_copy(update=update))
             for name, (group, command) in commands.items()
@@ -110,7 +113,7 @@ def print_survey(rows: list[Row], console: Console) -> None:
     table = Table("action", "group", "outcome", "joints [rad]", "root [cm]", "from raw [cm]")
     for row in rows:
         if row.error is not None:
-            outcome = f"[yellow]{row.error}"
+            outcome = f"[yellow]{escape(row.error)}"
         elif row.fell:
             outcome = f"[red]fell at {row.fall_time_s:.2f} s ({row.fall_cause})"
         else:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem
 
-from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
 from robomirror_drake.robot import Robot
+from robomirror_drake.systems.ports import expect
 
 
 class DynamicPlanner(LeafSystem):
@@ -37,8 +37,5 @@ class DynamicPlanner(LeafSystem):
         )
 
     def _calc_plan(self, context: Context, output: Value[object]) -> None:
-        reference = self._reference.Eval(context)
-        if not isinstance(reference, RobotReference):
-            kind = type(reference).__name__
-            raise PlanningError(f"port 'reference' carries a {kind}, not a RobotReference", {})
+        reference = expect(self._reference.Eval(context), RobotReference, "reference")
         output.set_value(plan_dynamics(self._robot, reference, self._options))

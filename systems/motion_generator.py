@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem
 
-from robomirror_drake.exceptions import InputError
-from robomirror_drake.motion.generate import GeneratorOptions, generate
+from robomirror_drake.motion.generate import GeneratorOptions, check_request, generate
+from robomirror_drake.systems.ports import expect
 
 
 class MotionGenerator(LeafSystem):
@@ -21,8 +21,9 @@ class MotionGenerator(LeafSystem):
     """
 
     def __init__(self, n: int = 8, seed: int = 0, options: GeneratorOptions | None = None) -> None:
-        """Args are those of :func:`generate`."""
+        """Args and errors are those of :func:`generate`."""
         super().__init__()
+        check_request(n, seed)
         self._n = n
         self._seed = seed
         self._options = options or GeneratorOptions()
@@ -35,9 +36,5 @@ class MotionGenerator(LeafSystem):
         )
 
     def _calc_candidates(self, context: Context, output: Value[object]) -> None:
-        command = self._command.Eval(context)
-        if not isinstance(command, str):
-            raise InputError(
-                f"port 'command' holds {type(command).__name__}; give it a str in a Value[object]"
-            )
+        command = expect(self._command.Eval(context), str, "command")
         output.set_value(generate(command, self._n, self._seed, self._options))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
 
-from robomirror_drake.exceptions import ControllerError
 from robomirror_drake.messages import RobotReference
+from robomirror_drake.systems.ports import expect_some
 
 
 class ReferenceSelector(LeafSystem):
@@ -36,12 +36,4 @@ class ReferenceSelector(LeafSystem):
 
     def _select(self, context: Context, output: AbstractValue) -> None:
         references = self._references.Eval(context)
-        if not isinstance(references, tuple) or not references:
-            raise ControllerError(
-                "port 'references' of ReferenceSelector needs a non-empty tuple of "
-                f"RobotReference, not {references!r:.80}"
-            )
-        if not isinstance(references[0], RobotReference):
-            kind = type(references[0]).__name__
-            raise ControllerError(f"port 'references' carries a {kind}, not a RobotReference")
-        output.set_value(references[0])
+        output.set_value(expect_some(references, RobotReference, "references")[0])

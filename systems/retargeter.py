@@ -5,10 +5,11 @@ from __future__ import annotations
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from robomirror_drake.exceptions import InputError, RetargetingError
+from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import HumanMotion
 from robomirror_drake.optimization.retarget import Retargeted, RetargetOptions, retarget_batch
 from robomirror_drake.robot import Robot
+from robomirror_drake.systems.ports import expect_some
 
 
 class Retargeter(LeafSystem):
@@ -46,18 +47,7 @@ class Retargeter(LeafSystem):
         )
 
     def _calc_results(self, context: Context, output: AbstractValue) -> None:
-        candidates = self._candidates.Eval(context)
-        if not isinstance(candidates, tuple) or not candidates:
-            raise InputError(
-                "port 'candidates' of Retargeter needs a non-empty tuple of HumanMotion, "
-                f"not {candidates!r:.80}"
-            )
-        for motion in candidates:
-            if not isinstance(motion, HumanMotion):
-                kind = type(motion).__name__
-                raise InputError(
-                    f"port 'candidates' of Retargeter holds a {kind}: HumanMotion only"
-                )
+        candidates = expect_some(self._candidates.Eval(context), HumanMotion, "candidates")
         output.set_value(retarget_batch(self._robot, candidates, options=self._options))
 
     def _calc_references(self, context: Context, output: AbstractValue) -> None:

@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from robomirror_drake.exceptions import ControllerError
+from robomirror_drake.exceptions import PortError
 from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.dynamics_terms import control_model
 from robomirror_drake.optimization.reference_trajectory import (
@@ -38,6 +38,7 @@ from robomirror_drake.optimization.whole_body_qp import (
     tuning,
 )
 from robomirror_drake.robot import Robot
+from robomirror_drake.systems.ports import expect
 
 DIAGNOSTICS = ("qp_failures", "friction_margin", "torque_saturation", "residual")
 """Elements of the port ``diagnostics``: control ticks in a row without a solution; least
@@ -133,16 +134,11 @@ class WholeBodyController(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(self._options.period, 0.0, self._update)
 
     def _calc_trajectory(self, context: Context, value: AbstractValue) -> None:
-        reference = self._reference_port.Eval(context)
-        if not isinstance(reference, RobotReference):
-            raise ControllerError(
-                f"port 'reference' carries {type(reference).__name__}, expected RobotReference"
-            )
-        if reference.q.shape[1] != self._robot.model.nq:
-            raise ControllerError(
-                f"the reference has {reference.q.shape[1]} positions, "
-                f"robot {self._robot.spec.name!r} has {self._robot.model.nq}"
-            )
+        reference = expect(self._reference_port.Eval(context), RobotReference, "reference")
+        positions, wanted = reference.q.shape[1], self._robot.model.nq
+        if positions != wanted:
+            robot = f"{wanted}, as robot {self._robot.spec.name!r} has"
+            raise PortError("reference", f"a reference with {positions} positions", robot)
         value.set_value(reference_trajectory(self._robot, reference))
 
     def _trajectory_of(self, context: Context) -> ReferenceTrajectory:

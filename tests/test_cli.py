@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from robomirror_drake import cli
+from robomirror_drake.exceptions import PlanningError, SimulationError
 
 
 def robomirror(monkeypatch, *arguments: str) -> int:
@@ -22,6 +23,7 @@ def robomirror(monkeypatch, *arguments: str) -> int:
     "arguments",
     [
         ("--help",),
+        ("--version",),
         ("run", "--help"),
         ("motions",),
         ("bench", "--help"),
@@ -57,6 +59,8 @@ def test_motions_as_json_has_every_action(monkeypatch, capsys):
         (("retarget", "wave"), "no motion file"),
         (("play", "/nowhere"), "/nowhere is no result folder"),
         (("survey", "--actions", "fly"), "fly"),
+        (("run", "stand for ten hours"), "durations"),
+        (("run", "walk one million steps"), "million"),
         (("no-such-command",), "No such command"),
         (("run", "bow", "--out", ""), "no name of its own"),
         (("run", "bow", "--out", f"{__file__}/results"), "is no folder"),
@@ -72,6 +76,17 @@ def test_bad_input_exits_2_with_a_reason_and_no_traceback(monkeypatch, capsys, a
     printed = capsys.readouterr()
     assert message in " ".join((printed.err + printed.out).split())
     assert "Traceback" not in printed.err
+
+
+def test_an_unplannable_motion_is_bad_input_and_divergence_an_error(monkeypatch, capsys):
+    for error, code in ((PlanningError("too short", {}), 2), (SimulationError(0.1, "why"), 1)):
+
+        def refuse(*_: object, error: Exception = error, **__: object) -> None:
+            raise error
+
+        monkeypatch.setattr(cli, "_scenario", refuse)
+        assert robomirror(monkeypatch, "run", "bow") == code
+        assert "Traceback" not in capsys.readouterr().err
 
 
 def test_an_internal_error_exits_1(monkeypatch, capsys):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
-from robomirror_drake.exceptions import InputError, UnknownCommandError
+from robomirror_drake.exceptions import InputError, PortError, UnknownCommandError
 from robomirror_drake.motion.body import bone_lengths
 from robomirror_drake.motion.generate import GeneratorOptions, draw_style, generate
 from robomirror_drake.motion.skeleton import INDEX
@@ -120,7 +120,7 @@ def test_system_outputs_the_candidates_of_its_command() -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "error"), [(3, InputError), ("the stock market fell", UnknownCommandError)]
+    ("command", "error"), [(3, PortError), ("the stock market fell", UnknownCommandError)]
 )
 def test_system_raises_errors_that_say_why(command: object, error: type[Exception]) -> None:
     generator = MotionGenerator()

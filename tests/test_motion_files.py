@@ -80,6 +80,16 @@ def test_normalised_features_are_refused(tmp_path: Path) -> None:
         load_motion(save(tmp_path, features))
 
 
+def test_z_up_positions_are_refused_and_a_crawl_is_not(tmp_path: Path) -> None:
+    x, y, z = np.moveaxis(y_up_walk(), -1, 0)
+    with pytest.raises(MotionFileError, match="y must be up"):
+        load_motion(save(tmp_path, np.stack([z, x, y], axis=-1)))
+    crawl = np.stack(
+        np.moveaxis(resample(load_clip("crawl"), 20.0).positions, -1, 0)[[1, 2, 0]], -1
+    )
+    assert len(load_motion(save(tmp_path, crawl)).positions) == len(crawl)
+
+
 def broken(**change: object) -> np.ndarray:
     walk = y_up_walk()
     for key, value in change.items():

@@ -12,6 +12,7 @@ from robomirror_drake.outcome import (
     lean_angle,
     rotation_angle,
     tracking_errors,
+    until_fall,
 )
 
 LIMIT = np.full(23, 200.0)
@@ -151,3 +152,14 @@ def test_friction_margin_counts_loaded_feet_only():
 def test_one_sample_is_refused(make_execution):
     with pytest.raises(ValueError, match="2 samples"):
         evaluate(make_execution(1), LIMIT, 0.6)
+
+
+def test_until_fall_ends_with_the_fall(make_execution) -> None:
+    force = np.zeros(61)
+    force[30:] = 50.0
+    execution = make_execution(other_force=force)
+    cut = until_fall(execution)
+    assert len(cut.time) == len(cut.q) == len(cut.contact_ref) == 31
+    assert find_fall(cut) == find_fall(execution)
+    whole = make_execution()
+    assert until_fall(whole) is whole

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
-from robomirror_drake.exceptions import ControllerError
+from robomirror_drake.exceptions import PortError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.systems.reference_selector import ReferenceSelector
 
@@ -31,5 +31,5 @@ def test_takes_the_first_and_keeps_it_whole():
 
 @pytest.mark.parametrize("value", [(), None, ("walk",), [reference("list")]])
 def test_refuses_what_is_not_a_tuple_of_references(value):
-    with pytest.raises(ControllerError):
+    with pytest.raises(PortError):
         select(value)

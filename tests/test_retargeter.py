@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
-from robomirror_drake.exceptions import InputError, RetargetingError
+from robomirror_drake.exceptions import PortError, RetargetingError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization import retarget as module
@@ -58,7 +58,7 @@ def test_nothing_left_is_an_error_with_evidence(retargeter, impossible):
 
 @pytest.mark.parametrize("value", [None, (), "walk", (1, 2)])
 def test_wrong_values_are_named(retargeter, value):
-    with pytest.raises(InputError, match="'candidates' of Retargeter"):
+    with pytest.raises(PortError, match="'candidates' carries"):
         evaluated(retargeter, value, "references")
 
 

@@ -10,7 +10,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from robomirror_drake.exceptions import ControllerError, SimulationError
+from robomirror_drake.exceptions import PortError, SimulationError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization.reference_trajectory import (
     reference_trajectory,
@@ -182,7 +182,7 @@ def test_absurd_states_give_finite_torques_within_limits(
 
 def test_wrong_message_is_refused(robot: Robot, nod: RobotReference) -> None:
     controller, context = _controller(robot, "walk", np.concatenate([nod.q[0], np.zeros(29)]))
-    with pytest.raises(ControllerError, match="str, expected RobotReference"):
+    with pytest.raises(PortError, match="carries a str, expected a RobotReference"):
         _tick(controller, context)
 
 

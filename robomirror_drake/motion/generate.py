@@ -45,13 +45,18 @@ def generate(
         InputError: The text, n or the seed cannot be used.
         UnknownCommandError: The text names no known action.
     """
+    check_request(n, seed)
+    options = options or GeneratorOptions()
+    clauses = parse(text)
+    return tuple(_candidate(text, clauses, k, seed, options) for k in range(n))
+
+
+def check_request(n: int, seed: int) -> None:
+    """Raises InputError where candidates cannot be made in this number or from this seed."""
     if not 1 <= n <= MAX_CANDIDATES:
         raise InputError(f"{n} candidates asked for; give 1 to {MAX_CANDIDATES}")
     if seed < 0:
         raise InputError(f"the seed is {seed}; give a number that is not negative")
-    options = options or GeneratorOptions()
-    clauses = parse(text)
-    return tuple(_candidate(text, clauses, k, seed, options) for k in range(n))
 
 
 def _candidate(

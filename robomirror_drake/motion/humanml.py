@@ -16,6 +16,7 @@ from robomirror_drake.exceptions import MotionFileError
 from robomirror_drake.messages import Array, HumanMotion
 from robomirror_drake.motion.checks import STATURE_RANGE, checked_motion, existing_file, stature
 from robomirror_drake.motion.ground import z_up
+from robomirror_drake.motion.skeleton import INDEX
 
 FPS = 20.0
 """Frame rate of every HumanML3D motion [1/s]."""
@@ -46,7 +47,22 @@ def load_humanml(path: Path | str) -> HumanMotion:
         raise MotionFileError(
             path, f"the array has shape {data.shape}, expected (frames, 22, 3) or (frames, 263)"
         )
-    return checked_motion(path, z_up(positions, "y"), FPS)
+    motion = checked_motion(path, z_up(positions, "y"), FPS)
+    if _lies_stretched(motion.positions):
+        raise MotionFileError(
+            path,
+            "in every frame the body lies stretched out; y must be up, and here z seems to be",
+        )
+    return motion
+
+
+def _lies_stretched(positions: Array) -> bool:
+    """Whether a body (T, 22, 3), z up, is level and as long as it is tall in every frame."""
+    ankles = positions[:, [INDEX["left_ankle"], INDEX["right_ankle"]]].mean(axis=1)
+    body = positions[:, INDEX["head"]] - ankles
+    length = np.linalg.norm(body, axis=1)
+    level = np.abs(body[:, 2]) < 0.3 * length
+    return bool((level & (length > 0.7 * stature(positions))).all())
 
 
 def recover_from_ric(features: Array) -> Array:
@@ -79,7 +95,7 @@ def _load_array(path: Path | str) -> Array:
         # Mapped, so that a header which promises more than the file holds allocates nothing.
         data = np.load(path, mmap_mode="r", allow_pickle=False)
     except Exception as error:  # numpy raises half a dozen types on a damaged file
-        raise MotionFileError(path, f"not a .npy array: {error}") from error
+        raise MotionFileError(path, "not a .npy array of numbers, or a damaged one") from error
     if not isinstance(data, np.ndarray):
         data.close()
         raise MotionFileError(path, "an archive of arrays, not a .npy array")

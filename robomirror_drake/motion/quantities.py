@@ -33,6 +33,8 @@ _SPEED = re.compile(
 )
 _ANGLE = re.compile(rf"{_NUMBER}\s*[- ]?(?:degrees?\b|deg\b|°)")
 _DISTANCE = re.compile(rf"{_NUMBER}\s*[- ]?(meters?|metres?|m|centimeters?|centimetres?|cm|feet)\b")
+_DURATION = re.compile(rf"{_NUMBER}\s*[- ]?(?:seconds?|secs?|s|minutes?|mins?|hours?|days?)\b")
+_LARGE = re.compile(r"\b(?:hundreds|thousands?|millions?|billions?|dozens)\b")
 _TURN_WORDS: tuple[tuple[str, float], ...] = (
     (r"three[- ]quarter", 270.0),
     (r"quarter|right angle", 90.0),
@@ -73,6 +75,15 @@ def _within(value: float, low: float, high: float, unit: str, text: str) -> floa
             f"{value:g} {unit} in {text!r} is out of range; give {low:g} to {high:g} {unit}"
         )
     return value
+
+
+def refuse_unreadable(text: str) -> None:
+    """Raises InputError for what would otherwise be dropped in silence."""
+    text = _SPEED.sub(" ", text)
+    if found := _DURATION.search(text):
+        raise InputError(f"{found[0]!r}: durations are not understood; give a count or a distance")
+    if found := _LARGE.search(text):
+        raise InputError(f"{found[0]!r}: counts go up to {MAX_COUNT}")
 
 
 def side_of(text: str) -> str | None:
@@ -124,7 +135,10 @@ def count_of(text: str) -> int | None:
     found = next((m for m in _COUNT.finditer(text) if _counts(m)), None)
     if found is None:
         return None
-    return int(_within(round(_value(found[1])), 1, MAX_COUNT, "repetitions", text))
+    count = _within(_value(found[1]), 1, MAX_COUNT, "repetitions", text)
+    if count != int(count):
+        raise InputError(f"{found[0]!r}: give a whole number of repetitions")
+    return int(count)
 
 
 def _counts(found: re.Match[str]) -> bool:

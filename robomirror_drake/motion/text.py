@@ -82,8 +82,8 @@ def parse(text: str) -> tuple[Clause, ...]:
 
     Raises:
         InputError: The text is empty, too long, not in English letters, says what shall not
-            be done, asks for a quantity out of range, or for two actions at once that need
-            the same limbs.
+            be done, asks for a quantity out of range, for a duration, or for two actions at
+            once that need the same limbs.
         UnknownCommandError: A clause names no known action.
     """
     command = _checked(text)
@@ -91,6 +91,7 @@ def parse(text: str) -> tuple[Clause, ...]:
         raise InputError(f"{denied[0]!r} is not understood; say only what shall be done")
     if together := _WHILE_FIRST.match(command):
         command = f"{together['first']} while {together['second']}"
+    quantities.refuse_unreadable(command)
     inverted = _AFTER.match(command)
     if inverted:
         command = f"{inverted['first']} then {inverted['second']}"
