@@ -57,7 +57,8 @@ def add_plant(
         contact_model="point",
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
-    friction = friction if drawn.friction is None else drawn.friction
+    if drawn.friction is not None:
+        friction = drawn.friction
     robot = with_friction(robot, friction)
     with tempfile.TemporaryDirectory() as folder:
         if drawn.mass != 1.0 or drawn.center_of_mass.any():
