@@ -247,7 +247,7 @@ def act(R, p, local, out):  # type: ignore[no-untyped-def]
         out[i] = p[i] + R[i, 0] * local[0] + R[i, 1] * local[1] + R[i, 2] * local[2]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def closest_points(a0, a1, b0, b1, pa, pb):  # type: ignore[no-untyped-def]
     """Closest points of two segments into pa and pb (C. Ericson, "Real-Time Collision
     Detection", 2005, §5.1.9); returns their distance."""

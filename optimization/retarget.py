@@ -228,6 +228,7 @@ def _solve(
         fixed=fixed,
         iterations=iterations,
         tolerance=options.tolerance,
+        flatness=options.flatness,
         warm=warm is not None,
     )
     path = Path(solution.control, problem.reference, problem.spacing)

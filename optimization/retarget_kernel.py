@@ -402,7 +402,7 @@ def _frames(terms, multipliers, x, derivatives, costs, residuals, gradient, hess
     return objective
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _near(a, b, reach, pa, pb):  # type: ignore[no-untyped-def]
     """Distance of two segments (2, 3), or ``reach`` where they are surely farther apart."""
     square = 0.0

@@ -17,7 +17,7 @@ class RetargetWeights(_Options):
     support: float = Field(3.0, ge=0.0, description="CoM outside the support, at rest [1/m²]")
     posture: float = Field(3e-4, gt=0.0, description="joint angle from standing [1/rad²]")
     acceleration: float = Field(1e-8, ge=0.0, description="coordinates' acceleration [s⁴/rad²]")
-    jerk: float = Field(2.5e-8, gt=0.0, description="coordinates' jerk [s⁶/rad²]")
+    jerk: float = Field(4.5e-8, gt=0.0, description="coordinates' jerk [s⁶/rad²]")
 
 
 class RetargetGate(_Options):
@@ -46,4 +46,7 @@ class RetargetOptions(_Options):
     iterations: int = Field(30, ge=1, le=500, description="most Gauss–Newton iterations")
     tolerance: float = Field(
         2.5e-3, gt=0.0, description="stance, floor and collision when solved [m]"
+    )
+    flatness: float = Field(
+        0.1, gt=0.0, lt=1.0, description="share of the cost that a step must save for another"
     )

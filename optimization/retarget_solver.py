@@ -33,9 +33,9 @@ SOFT_ITERATIONS, SOFTNESS = 3, 0.1
 SOFT_ROUNDS, HARDNESS = 2, 5.0
 """After how many moves of the multipliers there is more of it, and how much."""
 
-SETTLED, FLAT, STILL = 0.3, 0.1, 0.01
-"""The multipliers move when the cost falls by less than the first share, a solution is good
-enough when it falls by less than the second; or when no control point moves so far [m or rad]."""
+SETTLED, STILL = 0.3, 0.01
+"""The multipliers move when the cost falls by less than this share, or when no control point
+moves so far [m or rad]."""
 
 LARGEST_FORCE = 10.0
 """Clamp of the multipliers per second [1/m]; a keypoint 10 m off would push as hard."""
@@ -75,6 +75,7 @@ def solve(
     fixed: int = 0,
     iterations: int = 30,
     tolerance: float = 2e-3,
+    flatness: float = 0.1,
     warm: bool = False,
 ) -> Solution:
     """Solves the problem from a starting point.
@@ -85,14 +86,21 @@ def solve(
         fixed: How many leading control points must stay.
         iterations: Most steps.
         tolerance: Largest violation of a solution [m].
+        flatness: Share of the cost that a step must save for another to be taken.
         warm: Whether the start is near a solution, so that no soft iterations are needed.
     """
     with spline.one_thread(spline.ORDER * start.shape[1]):
-        return _solve(problem, start, fixed, iterations, tolerance, warm)
+        return _solve(problem, start, fixed, iterations, tolerance, flatness, warm)
 
 
 def _solve(
-    problem: Problem, start: Array, fixed: int, iterations: int, tolerance: float, warm: bool
+    problem: Problem,
+    start: Array,
+    fixed: int,
+    iterations: int,
+    tolerance: float,
+    flatness: float,
+    warm: bool,
 ) -> Solution:
     limits, basis = problem.limits, problem.basis
     control = start.copy()
@@ -127,7 +135,7 @@ def _solve(
             best, best_standing, least = control, problem.terms.standing, violation
         fall = 1.0 - state.cost / before
         if violation < tolerance:
-            if fall < FLAT or moved < STILL:
+            if fall < flatness or moved < STILL:
                 break
         elif fall < SETTLED or moved < STILL:
             if taken >= RELEASE_AFTER + soft_until - SOFT_ITERATIONS:

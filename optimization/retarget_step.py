@@ -32,7 +32,7 @@ from robomirror_drake.optimization.retarget_problem import (
     add_diagonal_band,
     multiply_diagonal,
 )
-from robomirror_drake.optimization.retarget_rates import Rates
+from robomirror_drake.optimization.retarget_rates import Rates, Signs
 
 DAMPING = 0.1
 """To begin with, per second; a joint half a metre from its keypoint has about as much."""
@@ -48,6 +48,10 @@ GOOD, BAD = 0.25, 1.5
 
 ATTEMPTS, SOLVES = 6, 2
 """How often a step is shortened, and how often it is solved for with new active limits."""
+
+CLIPPED, FORESEEN = 0.05, 0.1
+"""It is not solved for again where it leaves the joints' range by no more than this [rad], and
+the limits that it did not foresee cost less than this share of what it is to save."""
 
 
 class State(NamedTuple):
@@ -149,18 +153,27 @@ def _solve(
         target = control.copy()
         target.ravel()[first:] += step
         inside = np.clip(target[:, 6:], limits.lower, limits.upper)
-        outside = inside != target[:, 6:]
-        target[fixed:, 6:] = inside[fixed:]
-        ahead = _active(problem, rates, target)
-        outside[:fixed] = False
-        if not outside.any() and all(map(np.array_equal, rows, ahead)):
+        inside[:fixed] = target[:fixed, 6:]
+        outside = target[:, 6:] - inside
+        target[:, 6:] = inside
+        over = retarget_rates.excess(limits, problem.spacing, rates, inside)
+        ahead = retarget_rates.active(over)
+        told = -0.5 * float(np.vdot(gradient, target - control))
+        if np.abs(outside).max() < CLIPPED and (
+            retarget_rates.cost(problem.spacing, _unforeseen(over, rows, ahead)) < FORESEEN * told
+        ):
             break
-        held[:, 6:] |= outside
+        held[:, 6:] |= outside != 0.0
         rows = ahead
     return target
 
 
-def _active(problem: Problem, rates: Rates, control: Array) -> retarget_rates.Signs:
+def _unforeseen(over: Rates, rows: Signs, ahead: Signs) -> Rates:
+    """The excess of those limits that the last solve did not know to be active."""
+    return Rates(over.speed * (rows[0] != ahead[0]), over.acceleration * (rows[1] != ahead[1]))
+
+
+def _active(problem: Problem, rates: Rates, control: Array) -> Signs:
     """Limits of speed and acceleration that are exceeded at control points (K, 29)."""
     over = retarget_rates.excess(problem.limits, problem.spacing, rates, control[:, 6:])
     return retarget_rates.active(over)

@@ -17,7 +17,7 @@ from robomirror_drake.optimization.retarget_reference import solve_reference
 from robomirror_drake.optimization.retarget_solver import objective
 from robomirror_drake.robot import load_robot
 
-OPTIONS = RetargetOptions(tolerance=6e-4, iterations=60)
+OPTIONS = RetargetOptions(tolerance=6e-4, flatness=1e-3, iterations=60)
 
 
 def window(clip, start):
@@ -30,7 +30,7 @@ def window(clip, start):
 @pytest.mark.parametrize(("clip", "start"), [("walk", 10), ("jump", 30)])
 def test_online_objective_is_within_five_percent(clip, start):
     fast = window(clip, start)
-    assert fast.solution.converged
+    assert fast.solution.violation < 1e-3
     assert excess(fast.path.control[:, 6:], fast.problem.limits, 1 / 15).max() <= 0.0
     exact = solve_reference(fast.problem, fast.solution.standing, fast.path.control, DEADBAND)
     # Both computations of the objective agree, though they share no code.
