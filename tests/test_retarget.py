@@ -39,8 +39,8 @@ def walked(walk):
 
 @pytest.mark.parametrize(
     ("clip", "keypoints"),
-    [("walk", 0.025), ("turn_left0", 0.025), ("jump", 0.025), ("run", 0.025), ("kick", 0.04),
-     ("punch", 0.04), ("dance_b", 0.08)],
+    [("walk", 0.025), ("turn_left0", 0.025), ("jump", 0.025), ("run", 0.025), ("spin", 0.025),
+     ("kick", 0.04), ("spinkick", 0.04), ("punch", 0.04), ("dance_a", 0.08), ("dance_b", 0.08)],
 )  # fmt: skip
 def test_real_clips(clip, keypoints):
     reference = retarget(ROBOT, load_clip(clip))
