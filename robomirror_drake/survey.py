@@ -59,9 +59,7 @@ def survey_rows(
     done: dict[str, Row] = {}
     # Spawned, not forked: Drake and numba have threads by now.
     context = multiprocessing.get_context("spawn")
-    # And renewed now and then: Drake never frees a diagram that has Python systems in it.
-    workers = min(jobs, len(commands))
-    with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=16) as pool:
+    with ProcessPoolExecutor(min(jobs, len(commands)), mp_context=context) as pool:
         futures = [
             pool.submit(_row, name, group, scenario.model_copy(update=update))
             for name, (group, command) in commands.items()
