@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 
-from robomirror_drake.exceptions import PlanningError
+from robomirror_drake.exceptions import PlanningError, PortError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization import centroidal, spline
 from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
@@ -431,5 +431,5 @@ def test_system_plans_once_and_passes_errors() -> None:
     context.SetTime(1.0)
     assert system.GetOutputPort("plan").Eval(context) is plan
     system.GetInputPort("reference").FixValue(context, Value[object](3))
-    with pytest.raises(PlanningError, match="int"):
+    with pytest.raises(PortError, match="carries a int"):
         system.GetOutputPort("plan").Eval(context)
