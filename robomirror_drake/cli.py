@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import re
 import sys
 import traceback
 from dataclasses import asdict
@@ -18,8 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from robomirror_drake import __version__
@@ -31,6 +28,17 @@ from robomirror_drake.exceptions import (
     RoboMirrorError,
 )
 from robomirror_drake.messages import RESIDUAL_UNITS
+from robomirror_drake.terminal import (
+    check_file,
+    complain,
+    console,
+    out,
+    print_outcome,
+    progress_bars,
+    slug,
+    write_json,
+    write_text,
+)
 
 if TYPE_CHECKING:
     from robomirror_drake.config import Scenario
@@ -44,9 +52,6 @@ app = typer.Typer(
 )
 bench = typer.Typer(help="Measure a stage; beside a peer where there is one.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
-console = Console(stderr=True)
-# Tables keep their width in a file or a pipe.
-out = Console(width=None if sys.stdout.isatty() else 140)
 
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
@@ -99,14 +104,14 @@ def run(
 
     settings = _scenario(scenario, command=command, seed=seed, candidates=candidates)
     if graphviz is not None:
-        _check_file(graphviz)
+        check_file(graphviz)
         _write_graphviz(settings, graphviz)
         return
-    place = folder or Path("results") / _slug(settings.command)
+    place = folder or Path("results") / slug(settings.command)
     check_place(place)
     result = _run(settings, live)
     saved = _save(result, place)
-    _print_outcome(result, saved)
+    print_outcome(result, saved)
 
 
 @app.command()
@@ -147,7 +152,7 @@ def retarget(
     from robomirror_drake.tables import write_message
 
     settings = _scenario(scenario, command=file)
-    path = folder / "reference.parquet" if folder else Path(f"{_slug(file)}.reference.parquet")
+    path = folder / "reference.parquet" if folder else Path(f"{slug(file)}.reference.parquet")
     check_place(path)
     if path.exists():
         raise ResultError(f"{path} exists; name another place with --out")
@@ -186,10 +191,10 @@ def survey(
     """Execute every action of the library and say which ones the robot can do."""
     from robomirror_drake.survey import print_survey, survey_rows
 
-    _check_file(json_file)
+    check_file(json_file)
     settings = _scenario(scenario)
     wanted = tuple(name.strip() for name in actions.split(",") if name.strip())
-    with _progress() as progress:
+    with progress_bars() as progress:
         task = progress.add_task("survey", total=None)
 
         def report(done: int, total: int) -> None:
@@ -197,7 +202,7 @@ def survey(
 
         rows = survey_rows(settings, wanted, jobs, report)
     print_survey(rows, out)
-    _write_json(json_file, {"rows": [asdict(row) for row in rows]})
+    write_json(json_file, {"rows": [asdict(row) for row in rows]})
 
 
 @bench.command("retarget")
@@ -205,10 +210,10 @@ def bench_retarget(json_file: JsonOption = None) -> None:
     """The retargeter beside mink's per-frame IK, on every clip that keeps to the feet."""
     from robomirror_drake import bench_retarget as measure
 
-    _check_file(json_file)
+    check_file(json_file)
     figures = measure.run()
     measure.print_table(figures, out)
-    _write_json(json_file, figures)
+    write_json(json_file, figures)
 
 
 @bench.command("controller")
@@ -216,10 +221,10 @@ def bench_controller(json_file: JsonOption = None) -> None:
     """The controller's tick by QP solver: assembly and solve, median and 99th percentile."""
     from robomirror_drake import bench_controller as measure
 
-    _check_file(json_file)
+    check_file(json_file)
     figures = measure.run()
     measure.print_table(figures, out)
-    _write_json(json_file, figures)
+    write_json(json_file, figures)
 
 
 def _scenario(name: str, **changes: Any) -> Scenario:
@@ -237,7 +242,7 @@ def _run(scenario: Scenario, live: bool) -> Result:
     viewer = start_viewer() if live else None
     if viewer is not None:
         out.print(f"watch it at {viewer.web_url()}")
-    with _progress() as progress:
+    with progress_bars() as progress:
         tasks = {s: progress.add_task(text, total=1.0, start=False) for s, text in STAGES.items()}
         order = list(tasks)
 
@@ -272,68 +277,13 @@ def _save(result: Result, folder: Path) -> Path:
         return save_result(folder, result, pages)
 
 
-def _print_outcome(result: Result, folder: Path) -> None:
-    outcome = result.outcome
-    if outcome.fell:
-        out.print(f"[red]The robot fell at {outcome.fall_time_s:.2f} s[/] ({outcome.fall_cause}).")
-    else:
-        out.print(f"[green]The robot stayed on its feet[/] for {outcome.duration_s:.1f} s.")
-    out.print(
-        f"mean error: joints {outcome.A_q:.4f} rad, root {100 * outcome.A_p:.1f} cm, "
-        f"{outcome.A_theta:.3f} rad"
-    )
-    for page in ("report.html", "playback.html"):
-        out.print(f"{folder / page}", soft_wrap=True, highlight=False)
-
-
 def _write_graphviz(scenario: Scenario, path: Path) -> None:
     from robomirror_drake.pipeline import build_pipeline
     from robomirror_drake.robot import load_robot
 
     diagram = build_pipeline(load_robot(scenario.robot), scenario).diagram
-    _write_text(path, diagram.GetGraphvizString(max_depth=1))
+    write_text(path, diagram.GetGraphvizString(max_depth=1))
     out.print(f"{path} (dot -Tsvg draws it)")
-
-
-def _check_file(path: Path | None) -> None:
-    """Refuses a file that could not be written, before the work whose figures it shall hold."""
-    from robomirror_drake.results import check_place
-
-    if path is not None:
-        check_place(path)
-        if path.is_dir():
-            raise ResultError(f"{path} is a folder; name a file")
-
-
-def _write_text(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ResultError(f"cannot write {path}: {error}") from error
-
-
-def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
-    if path is not None:
-        _write_text(path, json.dumps(figures, indent=2, allow_nan=False) + "\n")
-        console.print(f"wrote {path}", highlight=False)
-
-
-def _slug(command: str) -> str:
-    """A short name for files from a command: ``a person bows`` gives ``a-person-bows``."""
-    return re.sub(r"[^a-z0-9]+", "-", Path(command).stem.lower()).strip("-")[:60] or "run"
-
-
-def _progress() -> Progress:
-    return Progress(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-        console=console,
-        transient=False,
-    )
 
 
 def main() -> None:
@@ -344,18 +294,14 @@ def main() -> None:
     try:
         app()
     except (InputError, RetargetingError, PlanningError) as error:
-        _complain(str(error))
+        complain(str(error))
         raise SystemExit(2) from None
     except RoboMirrorError as error:
-        _complain(str(error))
+        complain(str(error))
         raise SystemExit(1) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     except Exception as error:
         traceback.print_exc()
-        _complain(f"internal error: {error}")
+        complain(f"internal error: {error}")
         raise SystemExit(1) from None
-
-
-def _complain(message: str) -> None:
-    console.print(f"robomirror: {message}", style="red", markup=False, highlight=False)

@@ -116,7 +116,7 @@ def _metrics(result: Result, robot: Robot) -> list[Metric]:
         ),
         Metric(
             *("friction margin, least", Markup()),
-            *(f"{outcome.friction_margin + 0.0:.3f}", "1", "0"),
+            *(f"{round(outcome.friction_margin, 3) + 0.0:.3f}", "1", "0"),
         ),
         Metric("work of the joints", Markup(), f"{outcome.energy_j:.0f}", "J"),
     ]

@@ -31,7 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rollout", "results"),
     ("run", "figures", "scene"),
     ("commands", "bench_retarget", "bench_controller", "survey"),
-    ("report", "playback"),
+    ("report", "playback", "terminal"),
     ("cli",),
     ("__main__",),
 )

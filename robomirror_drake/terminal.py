@@ -1,0 +1,89 @@
+"""What commands have in common: how they speak at the prompt and write files."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from robomirror_drake.exceptions import ResultError
+
+if TYPE_CHECKING:
+    from robomirror_drake.results import Result
+
+console = Console(stderr=True)
+# Tables keep their width in a file or a pipe.
+out = Console(width=None if sys.stdout.isatty() else 140)
+
+
+def progress_bars() -> Progress:
+    """Bars for the tasks of a command, one line each."""
+    return Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=False,
+    )
+
+
+def print_outcome(result: Result, folder: Path) -> None:
+    """How a run went, in two lines, and where its pages are."""
+    outcome = result.outcome
+    if outcome.fell:
+        out.print(f"[red]The robot fell at {outcome.fall_time_s:.2f} s[/] ({outcome.fall_cause}).")
+    else:
+        out.print(f"[green]The robot stayed on its feet[/] for {outcome.duration_s:.1f} s.")
+    out.print(
+        f"mean error: joints {outcome.A_q:.4f} rad, root {100 * outcome.A_p:.1f} cm, "
+        f"{outcome.A_theta:.3f} rad"
+    )
+    for page in ("report.html", "playback.html"):
+        out.print(f"{folder / page}", soft_wrap=True, highlight=False)
+
+
+def check_file(path: Path | None) -> None:
+    """Refuses a file that could not be written, before the work whose figures it shall hold."""
+    from robomirror_drake.results import check_place
+
+    if path is not None:
+        check_place(path)
+        if path.is_dir():
+            raise ResultError(f"{path} is a folder; name a file")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file and the folders above it.
+
+    Raises:
+        ResultError: It cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error}") from error
+
+
+def write_json(path: Path | None, figures: dict[str, Any]) -> None:
+    """Writes figures where the user wants them in a file."""
+    if path is not None:
+        write_text(path, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        console.print(f"wrote {path}", highlight=False)
+
+
+def slug(command: str) -> str:
+    """A short name for files from a command: ``a person bows`` gives ``a-person-bows``."""
+    return re.sub(r"[^a-z0-9]+", "-", Path(command).stem.lower()).strip("-")[:60] or "run"
+
+
+def complain(message: str) -> None:
+    """An error in one sentence, in red."""
+    console.print(f"robomirror: {message}", style="red", markup=False, highlight=False)
