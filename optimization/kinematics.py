@@ -154,13 +154,6 @@ def distances(capsules: Capsules, R: Array, p: Array) -> Array:
     return np.asarray(_distances(capsules, R, p))
 
 
-@njit(cache=True, inline="always")
-def _cross(a, b, out):  # type: ignore[no-untyped-def]
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
 @njit(cache=True)
 def rotation_exp(phi, E, J):  # type: ignore[no-untyped-def]
     """exp(φ) into E and its left Jacobian into J, both (3, 3)."""

@@ -3,7 +3,9 @@
 What a diagram is asked to do enters through exported input ports: ``command`` (a
 ``str``) or ``candidates`` (human motions that are there already), and ``reference``
 for *execute*. Fix their values in the Context, or connect them inside a larger
-diagram. Every stage's result leaves through an exported output port of its name.
+diagram; but not to a ``ConstantValueSource``, whose output counts as changed whenever
+time does, so that every stage would work anew at every tick. Every stage's result
+leaves through an exported output port of its name.
 """
 
 from __future__ import annotations

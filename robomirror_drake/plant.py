@@ -44,9 +44,9 @@ def add_plant(
     Args:
         builder: The diagram to add to.
         robot: The robot as it is believed to be.
-        drawn: What is otherwise: friction, masses and the strength of servos.
+        drawn: What is otherwise: masses and the strength of servos.
         time_step: Of the plant [s].
-        friction: Coefficient between soles and ground where ``drawn`` has none.
+        friction: Coefficient between soles and ground.
         servo: Whether joints have the servos of the robot's ``joint_gains``, which are to be
             given desired states and keep to the torque limits. Without them it is the
             controller that keeps to the limits.
@@ -57,8 +57,6 @@ def add_plant(
         contact_model="point",
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
-    if drawn.friction is not None:
-        friction = drawn.friction
     robot = with_friction(robot, friction)
     with tempfile.TemporaryDirectory() as folder:
         if drawn.mass != 1.0 or drawn.center_of_mass.any():

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from robomirror_drake.exceptions import SimulationError
 from robomirror_drake.messages import Execution, RobotReference
+from robomirror_drake.pipeline import give_reference
 from robomirror_drake.robot import Robot
 from robomirror_drake.simulation import (
     ExecutionSystems,
@@ -58,11 +58,9 @@ def rollout(
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    # A fixed port, not a ConstantValueSource: the output of that one counts as changed
-    # whenever time does, and the controller would prepare the reference at every tick.
-    diagram.GetInputPort("reference").FixValue(context, Value[object](reference))
+    give_reference(diagram, context, reference)
     set_initial_state(systems, context, reference)
-    run(simulator, systems, reference.duration + options.hold, options, progress)
+    simulate(simulator, systems, reference.duration + options.hold, options, progress)
     return execution(systems, context, reference, seed)
 
 
@@ -78,7 +76,7 @@ def set_initial_state(
         systems.actuation.start(context, np.append(reference.q[0], reference.v[0]))
 
 
-def run(
+def simulate(
     simulator: Simulator,
     systems: ExecutionSystems,
     end: float,

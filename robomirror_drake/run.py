@@ -21,8 +21,7 @@ from robomirror_drake.outcome import evaluate
 from robomirror_drake.pipeline import Source, build_pipeline, give_candidates, give_command
 from robomirror_drake.results import Result
 from robomirror_drake.robot import load_robot
-from robomirror_drake.rollout import execution, set_initial_state
-from robomirror_drake.rollout import run as simulate
+from robomirror_drake.rollout import execution, set_initial_state, simulate
 from robomirror_drake.yaml_file import to_yaml
 
 Stage = Literal["generate", "retarget", "plan", "simulate"]

@@ -94,6 +94,7 @@ def build_execution(
     options = options or SimulationOptions()
     disturbance = options.disturbance
     drawn = draw(disturbance, seed, links=1 + len(robot.joint_names))
+    friction = options.friction if drawn.friction is None else drawn.friction
     control = options.controller
     if options.interface == "joint_target":
         control = control.model_copy(update={"period": 1.0 / options.target_rate})
@@ -103,7 +104,7 @@ def build_execution(
         robot,
         drawn,
         time_step=options.time_step,
-        friction=options.friction,
+        friction=friction,
         servo=options.interface == "joint_target",
     )
     plant, _, instance = physics
@@ -139,7 +140,6 @@ def build_execution(
     )
     log = LogVectorOutput(recorder.GetOutputPort("sample"), builder, publish_period=PERIOD)
     log.set_name("execution_log")
-    friction = options.friction if drawn.friction is None else drawn.friction
     return ExecutionSystems(*physics, controller, recorder, log, actuation, friction)
 
 
