@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from robomirror_drake.exceptions import MotionFileError
 from robomirror_drake.messages import HumanMotion
 from robomirror_drake.motion.ground import clearance, face_forward, ground, heading, z_up
-from robomirror_drake.motion.humanml import recover_from_ric
+from robomirror_drake.motion.humanml_features import recover_from_ric
 from robomirror_drake.motion.load import load_motion
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.motion.resample import resample

@@ -1,9 +1,7 @@
 """HumanML3D ``.npy`` files as human motions: joint positions or the 263 features.
 
 Source: C. Guo et al., "Generating Diverse and Natural 3D Human Motions from Text",
-CVPR 2022; layout of the features as in its ``motion_representation``:
-root yaw rate 0, root velocity x z 1:3, root height 3, joint positions 4:67,
-joint rotations 67:193, joint velocities 193:259, foot contacts 259:263.
+CVPR 2022; the features are those of :mod:`~robomirror_drake.motion.humanml_features`.
 """
 
 from __future__ import annotations
@@ -16,11 +14,8 @@ from robomirror_drake.exceptions import MotionFileError
 from robomirror_drake.messages import Array, HumanMotion
 from robomirror_drake.motion.checks import STATURE_RANGE, checked_motion, existing_file, stature
 from robomirror_drake.motion.ground import z_up
+from robomirror_drake.motion.humanml_features import FEATURES, FPS, recover_from_ric
 from robomirror_drake.motion.skeleton import INDEX
-
-FPS = 20.0
-"""Frame rate of every HumanML3D motion [1/s]."""
-FEATURES = 263
 
 
 def load_humanml(path: Path | str) -> HumanMotion:
@@ -63,30 +58,6 @@ def _lies_stretched(positions: Array) -> bool:
     length = np.linalg.norm(body, axis=1)
     level = np.abs(body[:, 2]) < 0.3 * length
     return bool((level & (length > 0.7 * stature(positions))).all())
-
-
-def recover_from_ric(features: Array) -> Array:
-    """(T, 22, 3) joint positions [m], y up, of features (T, 263).
-
-    The root's yaw θ (stored as half angle per frame) and ground velocity, the latter in
-    the root's frame, are summed up from 0; the joints are given in that frame as well.
-    With q = (cos θ, 0, sin θ, 0) taking world to root, vectors return by q⁻¹.
-    """
-    half_yaw = np.concatenate([[0.0], np.cumsum(features[:-1, 0])])
-    step = np.zeros((len(features), 3))
-    step[1:, [0, 2]] = features[:-1, 1:3]
-    root = np.cumsum(_yaw_back(step, half_yaw), axis=0)
-    joints = _yaw_back(features[:, 4:67].reshape(-1, 21, 3), half_yaw[:, None])
-    joints = joints + root[:, None]
-    root[:, 1] = features[:, 3]
-    return np.concatenate([root[:, None], joints], axis=1)
-
-
-def _yaw_back(vectors: Array, half_yaw: Array) -> Array:
-    """Vectors (…, 3) rotated by −2·half_yaw about y."""
-    c, s = np.cos(2.0 * half_yaw), np.sin(2.0 * half_yaw)
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
 
 
 def _load_array(path: Path | str) -> Array:
