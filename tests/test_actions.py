@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.balance import GRAVITY, angular_moment, center_of_mass_path
 from robomirror_drake.motion.body import (
     ANKLE_HEIGHT,
     LEG,
@@ -18,11 +17,12 @@ from robomirror_drake.motion.body import (
     bone_lengths,
     center_of_mass,
 )
-from robomirror_drake.motion.compose import compose
-from robomirror_drake.motion.cue import Style
+from robomirror_drake.motion.composer.balance import GRAVITY, angular_moment, center_of_mass_path
+from robomirror_drake.motion.composer.compose import compose
+from robomirror_drake.motion.composer.cue import Style
+from robomirror_drake.motion.composer.score import Score
 from robomirror_drake.motion.generate import draw_style
 from robomirror_drake.motion.library import library
-from robomirror_drake.motion.score import Score
 from robomirror_drake.motion.skeleton import INDEX
 from robomirror_drake.motion.text import Clause
 

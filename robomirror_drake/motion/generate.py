@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.messages import HumanMotion
-from robomirror_drake.motion.compose import clip_of, compose
-from robomirror_drake.motion.cue import Style
+from robomirror_drake.motion.composer.compose import clip_of, compose
+from robomirror_drake.motion.composer.cue import Style
 from robomirror_drake.motion.text import Clause, parse
 
 MAX_CANDIDATES = 256

@@ -11,9 +11,9 @@ from typing import Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from robomirror_drake.motion import dynamic, expressive, gait
-from robomirror_drake.motion.cue import Cue
-from robomirror_drake.motion.score import Score
+from robomirror_drake.motion.composer import dynamic, expressive, gait
+from robomirror_drake.motion.composer.cue import Cue
+from robomirror_drake.motion.composer.score import Score
 
 Group = Literal["locomotion", "dynamic", "expressive"]
 Side = Literal["left", "right", "both"]

@@ -10,11 +10,11 @@ from scipy.interpolate import CubicSpline
 
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.body import SHANK, SIDES, THIGH, bone_lengths
-from robomirror_drake.motion.cue import Cue
+from robomirror_drake.motion.composer.cue import Cue
+from robomirror_drake.motion.composer.perform import perform, upper_envelope
+from robomirror_drake.motion.composer.score import MINIMUM_JERK, Score
 from robomirror_drake.motion.ground import clearance, face_forward, ground, heading
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.motion.perform import perform, upper_envelope
-from robomirror_drake.motion.score import MINIMUM_JERK, Score
 from robomirror_drake.motion.skeleton import INDEX, JOINTS, PARENTS
 
 APPROACH = 1.2

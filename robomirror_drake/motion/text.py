@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 
 from robomirror_drake.exceptions import InputError, UnknownCommandError
-from robomirror_drake.motion import quantities
-from robomirror_drake.motion.encoder import likeness
+from robomirror_drake.motion.language import quantities
+from robomirror_drake.motion.language.encoder import likeness
 from robomirror_drake.motion.library import library
 
 MAX_CHARACTERS = 400

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robomirror_drake.motion.cue import Cue, hands
-from robomirror_drake.motion.score import Score
+from robomirror_drake.motion.composer.cue import Cue, hands
+from robomirror_drake.motion.composer.score import Score
 
 RAISE, LOWER = 0.9, 1.0
 """Time to bring an arm up, and down again [s]."""

@@ -7,7 +7,6 @@ from scipy.ndimage import maximum_filter1d
 from scipy.signal.windows import hann
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.balance import angular_moment, center_of_mass_path
 from robomirror_drake.motion.body import (
     ANKLE_HEIGHT,
     HIP_DROP,
@@ -20,7 +19,8 @@ from robomirror_drake.motion.body import (
     joint_positions,
     leg_vectors,
 )
-from robomirror_drake.motion.score import Score
+from robomirror_drake.motion.composer.balance import angular_moment, center_of_mass_path
+from robomirror_drake.motion.composer.score import Score
 
 NEUTRAL_PELVIS_HEIGHT = ANKLE_HEIGHT + 0.95 * LEG + HIP_DROP
 """Height of the pelvis in neutral stance [m]."""

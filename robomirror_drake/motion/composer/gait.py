@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robomirror_drake.motion.cue import Cue, other
-from robomirror_drake.motion.score import STANCE_WIDTH, Footprint, Score, ahead
+from robomirror_drake.motion.composer.cue import Cue, other
+from robomirror_drake.motion.composer.score import STANCE_WIDTH, Footprint, Score, ahead
 
 DOUBLE_SUPPORT = 0.25
 """Share of a step during which both feet bear weight (J. Perry, "Gait Analysis", 1992: 0.2)."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.balance import GRAVITY
-from robomirror_drake.motion.cue import Cue, hands, other
-from robomirror_drake.motion.score import Score, ahead, quintic
+from robomirror_drake.motion.composer.balance import GRAVITY
+from robomirror_drake.motion.composer.cue import Cue, hands, other
+from robomirror_drake.motion.composer.score import Score, ahead, quintic
 
 
 def _free_arms(cue: Cue) -> list[str]:

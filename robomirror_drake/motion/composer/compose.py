@@ -11,12 +11,12 @@ import numpy as np
 
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.cue import Cue, Style, hands, other
+from robomirror_drake.motion.composer.cue import Cue, Style, hands, other
+from robomirror_drake.motion.composer.perform import perform
+from robomirror_drake.motion.composer.score import Score
 from robomirror_drake.motion.ground import heading
 from robomirror_drake.motion.library import library
-from robomirror_drake.motion.perform import perform
 from robomirror_drake.motion.recorded import play
-from robomirror_drake.motion.score import Score
 from robomirror_drake.motion.text import Clause
 
 REST = 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robomirror_drake.motion.score import STANCE_WIDTH
+from robomirror_drake.motion.composer.score import STANCE_WIDTH
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Human motion composed of written actions: scores, gaits, keyed gestures, balance."""

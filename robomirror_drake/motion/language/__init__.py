@@ -1,0 +1,1 @@
+"""What a sentence in English asks for: words, quantities, likeness of meaning."""
