@@ -19,6 +19,9 @@ TOUCHING, HANGING = 0.003, 0.010
 EARLY = 0.10
 """How long before its planned contact a corner may touch down [s]."""
 
+FELT, LOST = 30.0, 10.0
+"""Normal force from which on a foot is felt on the ground, and below which no more [N]."""
+
 
 @dataclass(frozen=True)
 class Stance:
@@ -29,20 +32,23 @@ class Stance:
         anchor: (2, 3) where the middle of each sole's loaded corners stands [m].
         offset: (2,) horizontal way from where the reference's feet stand to where the
             robot's do [m].
+        touching: (2,) 1 where the foot is felt to be on the ground, else 0.
     """
 
     load: Array
     anchor: Array
     offset: Array
+    touching: Array
 
     def pack(self) -> Array:
-        """(16,) everything in one vector."""
-        return np.concatenate([self.load.ravel(), self.anchor.ravel(), self.offset])
+        """(18,) everything in one vector."""
+        return np.concatenate([self.load.ravel(), self.anchor.ravel(), self.offset, self.touching])
 
     @staticmethod
     def unpack(vector: Array) -> Stance:
         """The inverse of :meth:`pack`."""
-        return Stance(vector[:8].reshape(2, 4), vector[8:14].reshape(2, 3), vector[14:])
+        load, anchor, offset, touching = np.split(vector, [8, 14, 16])
+        return Stance(load.reshape(2, 4), anchor.reshape(2, 3), offset, touching)
 
     def shift(self, motion: TaskMotion) -> TaskMotion:
         """A reference moved by the offset, so that it stands on the robot's own feet."""
@@ -54,7 +60,21 @@ class Stance:
 
 def initial_stance() -> Stance:
     """Nothing has touched the ground yet."""
-    return Stance(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros(2))
+    return Stance(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros(2), np.zeros(2))
+
+
+def feel(last: Array, force: Array | None, height: Array) -> Array:
+    """(2,) 1 where a foot is on the ground, else 0.
+
+    Args:
+        last: The same one tick before.
+        force: (2, 3) of the ground on each foot, in world [N]; None to go by the height.
+        height: (2, 4) of the corners [m].
+    """
+    if force is None:
+        return np.asarray(1.0 * (height.min(axis=1) < TOUCHING))
+    threshold = np.where(last > 0.0, LOST, FELT)
+    return np.asarray(1.0 * (force[:, 2] > threshold))
 
 
 def bearing(load: Array, wait: Array, height: Array) -> Array:
@@ -80,6 +100,7 @@ def update_stance(
     sample: ReferenceSample,
     corners: Array,
     period: float,
+    force: Array | None = None,
 ) -> Stance:
     """The stance one tick later.
 
@@ -93,6 +114,7 @@ def update_stance(
         sample: The reference now.
         corners: (2, 4, 3) corners of the soles in their own frames [m].
         period: Time since the last tick [s].
+        force: (2, 3) of the ground on each foot, in world [N], where it is measured.
     """
     world = motion.p[2:, None] + corners @ motion.R[2:].transpose(0, 2, 1)
     load = bearing(sample.load, sample.wait, world[..., 2])
@@ -107,4 +129,4 @@ def update_stance(
         apart = motion.p[2:, :2] - reference.p[2:, :2]
         follow = min(1.0, period / SHIFT_TIME)
         offset = offset + follow * (share @ apart / share.sum() - offset)
-    return Stance(load, anchor, offset)
+    return Stance(load, anchor, offset, feel(last.touching, force, world[..., 2]))

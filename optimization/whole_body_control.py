@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import pinocchio as pin
 
-from robomirror_drake.messages import Array
+from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.dynamics_terms import ControlModel, dynamics_terms, task_motion
 from robomirror_drake.optimization.reference_trajectory import (
     ReferenceTrajectory,
@@ -32,6 +32,20 @@ class Scratch(NamedTuple):
     reference: pin.Data
 
 
+class Tick(NamedTuple):
+    """One control tick.
+
+    Attributes:
+        qp: What to solve.
+        stance: What to remember for the next tick.
+        scheduled: (2, 4) which sole corners the reference wants on the ground.
+    """
+
+    qp: QP
+    stance: Stance
+    scheduled: BoolArray
+
+
 def scratch(robot: ControlModel) -> Scratch:
     """Scratch memory for a robot."""
     return Scratch(robot.model.createData(), robot.model.createData())
@@ -47,7 +61,8 @@ def control_problem(
     time: float,
     last: Stance,
     period: float,
-) -> tuple[QP, Stance]:
+    foot_force: Array | None = None,
+) -> Tick:
     """The QP of one control tick, and the stance to remember for the next.
 
     Args:
@@ -59,11 +74,12 @@ def control_problem(
         time: Where in the trajectory [s].
         last: The stance of the last tick.
         period: Time since then [s].
+        foot_force: (2, 3) of the ground on each foot, in world [N], where it is measured.
     """
     terms = dynamics_terms(robot, memory.robot, q, v)
     wanted = sample_reference(trajectory, time, tuned.options.contact_ramp)
     motion = task_motion(robot, memory.reference, wanted.q, wanted.v, wanted.a)
-    stance = update_stance(last, terms.motion, motion, wanted, robot.corners, period)
+    stance = update_stance(last, terms.motion, motion, wanted, robot.corners, period, foot_force)
     targets = Targets(
         motion=stance.shift(motion),
         q=wanted.q[7:],
@@ -74,7 +90,7 @@ def control_problem(
         planned=trajectory.planned,
         anchor=stance.anchor,
     )
-    return build_qp(robot, terms, targets, tuned), stance
+    return Tick(build_qp(robot, terms, targets, tuned), stance, wanted.load > 0.0)
 
 
 def solve_with_retry(qp: QP, solver: Solver) -> Solution:

@@ -296,19 +296,3 @@ def foot_wrench_from(solution: Solution) -> Array:
     """(2, 6) wrench on each foot about its sole's centre, [force, moment], world axes."""
     W = solution.problem.W
     return np.asarray(W @ solution.x[solution.x.size - W.shape[2] :])
-
-
-def solution_quality(solution: Solution, robot: ControlModel, friction: float) -> Array:
-    """How far a solution is from its limits.
-
-    Returns:
-        (3,) least friction margin µ − |f_t| / f_n of the loaded feet, share of joints at
-        their torque limit, largest violation of a constraint in its own units.
-    """
-    qp, x = solution.problem, solution.x
-    force = foot_wrench_from(solution)[:, :3]
-    tangential, normal = np.hypot(force[:, 0], force[:, 1]), np.maximum(force[:, 2], 1.0)
-    torque = np.abs(qp.S @ x + qp.s)
-    outside = max((torque - robot.effort).max(), (qp.lb - x).max(), (x - qp.ub).max(), 0.0)
-    slip = (tangential / normal)[force[:, 2] > 1.0].max(initial=0.0)
-    return np.array([friction - slip, np.mean(torque >= 0.999 * robot.effort), outside])

@@ -80,7 +80,7 @@ def _ticks(
     assembly, solve, torque = np.empty(ticks), np.empty(ticks), np.full((ticks, 23), np.nan)
     for k, now in enumerate(execution.time):
         begin = time.perf_counter()
-        qp, stance = control_problem(
+        qp, stance, _ = control_problem(
             model, memory, tuned, q[k], v[k], trajectory, now, stance, 1.0 / 60.0
         )
         middle = time.perf_counter()

@@ -188,6 +188,13 @@ class Execution(_Message):
         contact_ref: (N, 2, 4) the reference's contact schedule.
         qp_status: (N,) 0 where the controller's QP was solved, else the number of
             control ticks in a row that it had not been.
+        qp_slack: (N,) by how much the QP had to let joint accelerations leave the bounds
+            that keep to the joint limits [rad/s²].
+        contact_scheduled: (N, 2) share of each foot's corners that the controller wanted
+            on the ground, its own changes of the schedule included.
+        contact_measured: (N, 2) 1 where the controller felt the foot on the ground, else 0.
+        torque_limit: (N, 23) +1 where the controller asked for a joint's highest torque, −1
+            for its lowest, else 0.
         text: The command.
         source: Provenance, carried on from the reference.
         seed: Seed of the run.
@@ -204,6 +211,10 @@ class Execution(_Message):
     other_force: Array
     contact_ref: BoolArray
     qp_status: Array
+    qp_slack: Array
+    contact_scheduled: Array
+    contact_measured: Array
+    torque_limit: Array
     text: str = ""
     source: str = ""
     seed: int = 0
@@ -222,6 +233,10 @@ class Execution(_Message):
         self._freeze("other_force", (n,))
         self._freeze("contact_ref", (n, 2, 4), np.bool_)
         self._freeze("qp_status", (n,))
+        self._freeze("qp_slack", (n,))
+        self._freeze("contact_scheduled", (n, 2))
+        self._freeze("contact_measured", (n, 2))
+        self._freeze("torque_limit", (n, nv - 6))
 
 
 @dataclass(frozen=True)

@@ -111,6 +111,7 @@ def execution(
     log = systems.log.FindLog(context)
     time = log.sample_times()
     sample = systems.recorder.split(log.data().T)
+    said = sample.diagnostics
     row = np.searchsorted(reference.time, time + 1e-9, side="right") - 1
     return Execution(
         time=time,
@@ -122,7 +123,11 @@ def execution(
         foot_force=sample.foot_force,
         other_force=sample.other_force,
         contact_ref=reference.contact[np.clip(row, 0, None)],
-        qp_status=sample.qp_failures,
+        qp_status=said.qp_failures,
+        qp_slack=said.slack,
+        contact_scheduled=said.planned_contact,
+        contact_measured=said.measured_contact,
+        torque_limit=said.torque_limit,
         text=reference.text,
         source=reference.source,
         seed=seed,

@@ -18,6 +18,7 @@ from robomirror_drake.disturbance_draw import Drawn, draw
 from robomirror_drake.plant import add_plant
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.actuation import Actuation
+from robomirror_drake.systems.ground_forces import GroundForces
 from robomirror_drake.systems.joint_target import JointTarget
 from robomirror_drake.systems.outcome_recorder import PERIOD, OutcomeRecorder
 from robomirror_drake.systems.pusher import Pusher
@@ -130,14 +131,17 @@ def build_execution(
             pusher.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
         )
 
-    recorder = builder.AddNamedSystem("outcome_recorder", OutcomeRecorder(robot, plant, instance))
+    ground = builder.AddNamedSystem("ground_forces", GroundForces(robot, plant, instance))
+    builder.Connect(plant.get_contact_results_output_port(), ground.GetInputPort("contact_results"))
+    builder.Connect(ground.GetOutputPort("foot_force"), controller.GetInputPort("foot_force"))
+
+    recorder = builder.AddNamedSystem("outcome_recorder", OutcomeRecorder(robot))
     builder.Connect(state, recorder.GetInputPort("state"))
     builder.Connect(torque, recorder.GetInputPort("torque"))
     for port in ("reference_state", "diagnostics"):
         builder.Connect(controller.GetOutputPort(port), recorder.GetInputPort(port))
-    builder.Connect(
-        plant.get_contact_results_output_port(), recorder.GetInputPort("contact_results")
-    )
+    for port in ("foot_force", "other_force"):
+        builder.Connect(ground.GetOutputPort(port), recorder.GetInputPort(port))
     log = LogVectorOutput(recorder.GetOutputPort("sample"), builder, publish_period=PERIOD)
     log.set_name("execution_log")
     return ExecutionSystems(*physics, controller, recorder, log, actuation, friction)

@@ -38,6 +38,10 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
     "torque": ("N·m", "joint torques applied"),
     "other_force": ("N", "norm of the ground force on all links but the feet"),
     "qp_status": ("", "0, or how many ticks in a row the controller's QP had not been solved"),
+    "qp_slack": ("rad/s²", "by how much joint accelerations had to leave their bounds"),
+    "contact_scheduled": ("", "share of the left, right foot's corners wanted on the ground"),
+    "contact_measured": ("", "whether the left, right foot is felt on the ground"),
+    "torque_limit": ("", "+1 where a joint's highest torque is asked for, -1 for its lowest"),
 }
 """Unit and description of the columns."""
 

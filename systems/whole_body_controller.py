@@ -26,24 +26,25 @@ from robomirror_drake.optimization.reference_trajectory import (
 )
 from robomirror_drake.optimization.stance import Stance, initial_stance
 from robomirror_drake.optimization.whole_body_control import (
+    Tick,
     control_problem,
     scratch,
     solve_with_retry,
 )
+from robomirror_drake.optimization.whole_body_diagnostics import (
+    Diagnostics,
+    diagnose,
+    names,
+    nothing,
+    unpack,
+)
 from robomirror_drake.optimization.whole_body_qp import (
-    Solution,
     WholeBodyOptions,
-    solution_quality,
     torque_from,
     tuning,
 )
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.ports import expect
-
-DIAGNOSTICS = ("qp_failures", "friction_margin", "torque_saturation", "residual")
-"""Elements of the port ``diagnostics``: control ticks in a row without a solution; least
-µ - |f_t| / f_n that the solution plans; share of joints at their torque limit; largest
-violation of the QP's constraints, in its own units."""
 
 ABSURD = 1e6
 """Size from which on no element of a state is believed, in its own unit."""
@@ -67,7 +68,7 @@ class _State(NamedTuple):
     """The discrete state, unpacked."""
 
     torque: Array
-    diagnostics: Array
+    diagnostics: Diagnostics
     stance: Stance
 
 
@@ -78,10 +79,13 @@ class WholeBodyController(LeafSystem):
         ``state`` (59): positions and velocities of the plant, Drake order.
         ``reference`` (abstract): a :class:`RobotReference`, which may be replaced at any
             time; its time zero is ``options.start``. After its end it is held.
+        ``foot_force`` (6): force of the ground on left and right foot, in world [N]. It
+            may be left open: contact is then judged by the height of the soles.
 
     Output ports:
         ``torque`` (23): joint torques of the last control tick [N·m].
-        ``diagnostics`` (4): see :data:`DIAGNOSTICS`.
+        ``diagnostics`` (59): see :class:`.whole_body_diagnostics.Diagnostics`; the
+            elements' names are in the attribute ``diagnostics_names``.
         ``reference_state`` (59): the reference at the Context's time, Drake order.
 
     All state is discrete state of the Context: torque, diagnostics, stance. Where the QP
@@ -102,6 +106,7 @@ class WholeBodyController(LeafSystem):
         joints = nv - 6
         self._state_port = self.DeclareVectorInputPort("state", nq + nv)
         self._reference_port = self.DeclareAbstractInputPort("reference", Value[object]())
+        self._force_port = self.DeclareVectorInputPort("foot_force", 6)
         self._trajectory = self.DeclareCacheEntry(
             description="reference trajectory",
             value_producer=ValueProducer(allocate=Value[object], calc=self._calc_trajectory),
@@ -117,14 +122,14 @@ class WholeBodyController(LeafSystem):
             ),
             prerequisites_of_calc={self.nothing_ticket()},
         )
-        self._split = np.array([joints, joints + len(DIAGNOSTICS)])
-        nothing_yet = np.zeros(joints + len(DIAGNOSTICS))
+        self.diagnostics_names = names(robot.joint_names)
+        size = len(self.diagnostics_names)
+        self._split = np.array([joints, joints + size])
+        nothing_yet = np.zeros(joints + size)
         state = self.DeclareDiscreteState(np.append(nothing_yet, initial_stance().pack()))
         prerequisites = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort("torque", joints, self._calc_torque, prerequisites)
-        self.DeclareVectorOutputPort(
-            "diagnostics", len(DIAGNOSTICS), self._calc_diagnostics, prerequisites
-        )
+        self.DeclareVectorOutputPort("diagnostics", size, self._calc_diagnostics, prerequisites)
         self.DeclareVectorOutputPort(
             "reference_state",
             nq + nv,
@@ -147,7 +152,7 @@ class WholeBodyController(LeafSystem):
 
     def _unpack(self, vector: Array) -> _State:
         torque, diagnostics, stance = np.split(vector, self._split)
-        return _State(torque, diagnostics, Stance.unpack(stance))
+        return _State(torque, unpack(diagnostics), Stance.unpack(stance))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         last = self._unpack(context.get_discrete_state_vector().value())
@@ -158,24 +163,29 @@ class WholeBodyController(LeafSystem):
         state = self._state_port.Eval(context)
         rates = state[-self._model.effort.size :]
         if np.abs(state).max() < ABSURD:  # not so for NaN either
-            solution, stance = self._solve(context, state, last.stance)
+            tick = self._problem(context, state, last.stance)
+            stance = tick.stance
+            solution = solve_with_retry(tick.qp, self._options.qp.solver)
         else:
             solution, stance, rates = None, last.stance, np.zeros_like(rates)
         if solution is not None and solution.found:
-            failures, torque = 0.0, torque_from(solution)
-            quality = solution_quality(solution, self._model, self._options.qp.friction)
+            torque = torque_from(solution)
+            diagnostics = diagnose(
+                tick.qp, solution, tick.scheduled, stance, self._model, self._options.qp.friction
+            )
         else:
-            failures, quality = last.diagnostics[0] + 1.0, np.zeros(len(DIAGNOSTICS) - 1)
-            hold = failures <= self._options.patience
+            diagnostics = nothing(rates.size, float(last.diagnostics.qp_failures) + 1.0)
+            hold = diagnostics.qp_failures <= self._options.patience
             torque = last.torque if hold else -self._options.failure_damping * rates
         torque = np.clip(torque, -self._model.effort, self._model.effort)
         discrete_state.get_mutable_vector().SetFromVector(
-            np.concatenate([torque, [failures], quality, stance.pack()])
+            np.concatenate([torque, diagnostics.pack(), stance.pack()])
         )
 
-    def _solve(self, context: Context, state: Array, stance: Stance) -> tuple[Solution, Stance]:
-        options, nq = self._options, self._robot.model.nq
-        qp, stance = control_problem(
+    def _problem(self, context: Context, state: Array, stance: Stance) -> Tick:
+        options, nq, port = self._options, self._robot.model.nq, self._force_port
+        force = port.Eval(context).reshape(2, 3) if port.HasValue(context) else None
+        return control_problem(
             self._model,
             self._scratch.Eval(context),
             self._tuning,
@@ -185,14 +195,15 @@ class WholeBodyController(LeafSystem):
             context.get_time() - options.start,
             stance,
             options.period,
+            force,
         )
-        return solve_with_retry(qp, options.qp.solver), stance
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._unpack(context.get_discrete_state_vector().value()).torque)
 
     def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._unpack(context.get_discrete_state_vector().value()).diagnostics)
+        last = self._unpack(context.get_discrete_state_vector().value())
+        output.SetFromVector(last.diagnostics.pack())
 
     def _calc_reference_state(self, context: Context, output: BasicVector) -> None:
         now = context.get_time() - self._options.start

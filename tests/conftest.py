@@ -39,6 +39,10 @@ def make_execution() -> Callable[..., Execution]:
             other_force=np.zeros(samples),
             contact_ref=np.ones((samples, 2, 4), dtype=np.bool_),
             qp_status=np.zeros(samples),
+            qp_slack=np.zeros(samples),
+            contact_scheduled=np.ones((samples, 2)),
+            contact_measured=np.ones((samples, 2)),
+            torque_limit=np.zeros((samples, 23)),
         )
         return dataclasses.replace(perfect, **changes)
 

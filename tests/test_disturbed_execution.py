@@ -112,6 +112,7 @@ def test_zero_disturbance_is_no_disturbance_to_the_bit(robot: Robot, stand: Robo
         "plant",
         "scene_graph",
         "whole_body_controller",
+        "ground_forces",
         "outcome_recorder",
         "execution_log",
     }

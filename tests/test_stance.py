@@ -77,7 +77,7 @@ def test_the_reference_moves_to_the_feet_that_stand() -> None:
 
 def test_offset_is_kept_in_flight() -> None:
     flying = _motion((0.5, 0.1, 0.3), (0.5, -0.1, 0.3))
-    before = Stance(np.ones((2, 4)), np.zeros((2, 3)), np.array([0.03, -0.01]))
+    before = Stance(np.ones((2, 4)), np.zeros((2, 3)), np.array([0.03, -0.01]), np.ones(2))
     after = update_stance(before, flying, flying, _sample(np.zeros((2, 4))), CORNERS, 0.004)
     np.testing.assert_array_equal(after.offset, before.offset)
 

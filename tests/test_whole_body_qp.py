@@ -20,6 +20,8 @@ from robomirror_drake.optimization.dynamics_terms import (
     dynamics_terms,
     task_motion,
 )
+from robomirror_drake.optimization.stance import Stance
+from robomirror_drake.optimization.whole_body_diagnostics import diagnose, names, unpack
 from robomirror_drake.optimization.whole_body_qp import (
     Solver,
     Targets,
@@ -27,7 +29,6 @@ from robomirror_drake.optimization.whole_body_qp import (
     acceleration_from,
     build_qp,
     foot_wrench_from,
-    solution_quality,
     solve_qp,
     torque_from,
     tuning,
@@ -176,9 +177,10 @@ def test_forces_stay_in_the_friction_cone_and_torques_within_limits(
         wrench = foot_wrench_from(solution)
         np.testing.assert_allclose(force.sum(axis=0), wrench[:, :3].sum(axis=0), atol=1e-6)
         assert (wrench[load.sum(axis=1) == 0] == 0.0).all()
-        margin, _, outside = solution_quality(solution, model, OPTIONS.friction)
-        assert margin > -1e-6
-        assert outside < 1e-5
+        stance = Stance(load, np.zeros((2, 3)), np.zeros(2), np.ones(2))
+        said = diagnose(qp, solution, load > 0.0, stance, model, OPTIONS.friction)
+        assert said.friction_margin.min() > -1e-6
+        assert said.residual < 1e-5
         assert (qp.lb <= qp.ub).all()
 
 
@@ -228,3 +230,34 @@ def test_joint_limits_bound_the_accelerations(robot: Robot, model: ControlModel)
     horizon = OPTIONS.limit_horizon
     ahead = joints[knee] + rates[knee] * horizon + 0.5 * qp.ub[knee] * horizon**2
     assert ahead == pytest.approx(model.upper[knee])
+
+
+def test_diagnostics_name_what_limits_the_solution(robot: Robot, model: ControlModel) -> None:
+    terms, targets, _, _ = _problem(robot, model, TOES, seed=8)
+    knee = robot.joint_names.index("L_KNEE")
+    shoved = targets.motion.com.copy()
+    shoved[2] = [30.0, 0.0, -30.0]  # more than friction gives, and faster down than falling
+    a = targets.a.copy()
+    a[knee] = 1e9
+    stance = Stance(TOES, np.zeros((2, 3)), np.zeros(2), np.array([0.0, 1.0]))
+    hard = targets._replace(motion=targets.motion._replace(com=shoved), a=a)
+    qp = build_qp(model, terms, hard, tuning(model, OPTIONS))
+    solution = solve_qp(qp, "daqp")
+    said = diagnose(qp, solution, TOES > 0.0, stance, model, OPTIONS.friction)
+    assert abs(said.torque_limit[knee]) == 1.0 or said.joint_limit[knee] == 1.0
+    assert said.slack < 1e-6
+    np.testing.assert_array_equal(said.planned_contact, [0.5, 1.0])
+    np.testing.assert_array_equal(said.measured_contact, [0.0, 1.0])
+    labels = names(robot.joint_names)
+    vector = said.pack()
+    assert vector.shape == (len(labels),)
+    assert vector[labels.index("torque_limit.L_KNEE")] == said.torque_limit[knee]
+    assert vector[labels.index("measured_contact.right")] == 1.0
+    back = unpack(np.stack([vector, vector]))
+    assert back.slack.shape == (2,)
+    np.testing.assert_array_equal(np.concatenate([np.ravel(f[0]) for f in back]), vector)
+    # Bounds that cannot be kept show as slack of what was solved without them.
+    tight = qp._replace(lb=qp.lb + 0.0, ub=qp.ub.copy())
+    tight.ub[knee] = solution.x[knee] - 5.0
+    relaxed = diagnose(tight, solution, TOES > 0.0, stance, model, OPTIONS.friction)
+    assert relaxed.slack == pytest.approx(5.0)
