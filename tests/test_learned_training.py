@@ -1,4 +1,4 @@
-"""The learned generator's training: it learns, resumes to the same bytes, and refuses other data."""
+"""The learned generator's training: it learns, resumes to the same bytes, refuses other data."""
 
 from __future__ import annotations
 
