@@ -27,6 +27,7 @@ from robomirror_drake.exceptions import (
     RetargetingError,
     RoboMirrorError,
 )
+from robomirror_drake.generator_commands import app as generator_app
 from robomirror_drake.messages import RESIDUAL_UNITS
 from robomirror_drake.terminal import (
     check_file,
@@ -52,6 +53,7 @@ app = typer.Typer(
 )
 bench = typer.Typer(help="Measure a stage; beside a peer where there is one.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
+app.add_typer(generator_app, name="generator")
 
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")

@@ -32,6 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("run", "figures", "scene"),
     ("commands", "bench_retarget", "bench_controller", "survey"),
     ("report", "playback", "terminal"),
+    ("generator_commands",),
     ("cli",),
     ("__main__",),
 )

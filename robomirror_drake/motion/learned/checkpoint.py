@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from robomirror_drake.exceptions import ConfigError, ResultError
 
 FORMAT = "robomirror motion generator 1"
+GENERATOR_FILE, EVALUATOR_FILE = "generator.safetensors", "evaluator.safetensors"
 
 
 def save(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, Any]) -> None:

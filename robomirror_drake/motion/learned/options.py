@@ -7,6 +7,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+PACKAGED = "packaged"
+"""Stands for what comes with the package: the sentence encoder, the weights."""
+
 
 class _Options(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -56,6 +59,14 @@ class EvaluatorOptions(StageOptions):
     temperature: float = Field(0.07, gt=0.0, description="of the contrastive loss")
 
 
+class SamplingOptions(_Options):
+    """How the trained generator is asked."""
+
+    weights: str = Field(PACKAGED, description="packaged, or a generator.safetensors of your own")
+    steps: int = Field(4, ge=1, le=50, description="evaluations of the network for a motion")
+    guidance: float = Field(1.5, ge=0.0, le=20.0, description="how strongly the text pulls")
+
+
 class TrainOptions(_Options):
     """One training, from data set to generator."""
 
@@ -64,7 +75,7 @@ class TrainOptions(_Options):
     seed: int = Field(0, ge=0, description="of everything that is drawn")
     device: Literal["cpu", "cuda"] = Field("cpu", description="where to train")
     text_encoder: str = Field(
-        "packaged", description="sentence encoder: packaged, or a sentence-transformers model"
+        PACKAGED, description="sentence encoder: packaged, or a sentence-transformers model"
     )
     checkpoint_every: int = Field(500, ge=1, description="updates between checkpoints")
     vae: VaeOptions = VaeOptions()

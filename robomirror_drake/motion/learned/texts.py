@@ -12,8 +12,7 @@ from torch import Tensor
 
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.motion.language.encoder import embed
-
-PACKAGED = "packaged"
+from robomirror_drake.motion.learned.options import PACKAGED
 
 
 def sentence_vectors(sentences: list[str], encoder: str = PACKAGED) -> Tensor:

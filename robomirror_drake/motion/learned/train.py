@@ -13,10 +13,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from robomirror_drake.motion.humanml_features import FEATURES, JOINTS, ROOT
+from robomirror_drake.motion.checks import bone_lengths
+from robomirror_drake.motion.humanml_features import FEATURES, JOINTS, ROOT, recover_from_ric
 from robomirror_drake.motion.learned import checkpoint
 from robomirror_drake.motion.learned.batches import LatentTable, crop, padded
-from robomirror_drake.motion.learned.dataset import load_normalizer
+from robomirror_drake.motion.learned.dataset import (
+    Float32,
+    Normalizer,
+    TextMotion,
+    load_normalizer,
+)
 from robomirror_drake.motion.learned.diffusion import (
     LAST,
     add_noise,
@@ -47,14 +53,17 @@ def train(options: TrainOptions, report: Report = lambda *_: None) -> Path:
         _RUN[STAGES[training.stage]](training, report)
     normalizer = load_normalizer(options.data)
     common = {"mean": torch.from_numpy(normalizer.mean), "std": torch.from_numpy(normalizer.std)}
-    generator = common | {"latent_scale": training.latent_scale}
+    generator = common | {
+        "latent_scale": training.latent_scale,
+        "bones": torch.from_numpy(_bones(training.motions, normalizer)),
+    }
     networks = training.networks
     for name, module in (("vae", networks.vae), ("student", networks.student),
                          ("length", networks.length)):  # fmt: skip
         generator |= checkpoint.named(name, module)
-    checkpoint.save(options.out / "generator.safetensors", _half(generator), training.header)
+    checkpoint.save(options.out / checkpoint.GENERATOR_FILE, _half(generator), training.header)
     evaluator = common | checkpoint.named("evaluator", networks.evaluator)
-    checkpoint.save(options.out / "evaluator.safetensors", _half(evaluator), training.header)
+    checkpoint.save(options.out / checkpoint.EVALUATOR_FILE, _half(evaluator), training.header)
     return options.out
 
 
@@ -178,7 +187,14 @@ def _follow(target: nn.Module, source: nn.Module, decay: float) -> None:
         to.lerp_(of, 1.0 - decay)
 
 
+def _bones(motions: tuple[TextMotion, ...], normalizer: Normalizer) -> Float32:
+    """(21,) median length of the bone that ends at each joint but the pelvis [m]."""
+    frames = np.concatenate([motion.features[::20] for motion in motions])
+    positions = recover_from_ric(normalizer.back(frames)[:, None])[:, 0]
+    return np.median(bone_lengths(positions), axis=0).astype(np.float32)
+
+
 def _half(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     """Networks in half precision, which loses nothing that can be seen; scales as they are."""
-    keep = {"mean", "std", "latent_scale"}
+    keep = {"mean", "std", "latent_scale", "bones"}
     return {name: t if name in keep else t.half() for name, t in tensors.items()}

@@ -66,7 +66,7 @@ class Training:
         self.latent_scale = torch.ones(2, options.vae.latent, device=self.device)  # mean, deviation
         self.stage, self.step = 0, 0
         self.header = {
-            "options": options.model_dump(mode="json", exclude={"out", "device"}),
+            "options": options.model_dump(mode="json", exclude={"data", "out", "device"}),
             "data_fingerprint": fingerprint(self.motions),
             "motions": len(self.motions),
             "text_size": size,
