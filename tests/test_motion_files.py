@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,9 @@ from robomirror_drake.motion.humanml_features import recover_from_ric
 from robomirror_drake.motion.load import load_motion
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.motion.resample import resample
+from robomirror_drake.motion.results_files import load_results
 from robomirror_drake.motion.skeleton import INDEX
+from robomirror_drake.motion.smpl import MODELS, pose_joints
 
 
 def y_up_walk() -> np.ndarray:
@@ -131,25 +134,147 @@ def test_array_that_is_no_motion(array: np.ndarray, fault: str, tmp_path: Path) 
     assert "m.npy" in str(caught.value)
 
 
-def test_pickles_are_never_opened(tmp_path: Path) -> None:
-    class Trap:
-        def __reduce__(self) -> tuple[object, tuple[str]]:
-            return open, (str(tmp_path / "sprung"), "w")  # type: ignore[return-value]
+class Trap:
+    """A pickle that opens a file when it is loaded."""
 
-    np.save(tmp_path / "object.npy", np.array([Trap()], dtype=object), allow_pickle=True)
-    (tmp_path / "pickle.npy").write_bytes(pickle.dumps(Trap()))
-    (tmp_path / "sprung").unlink(missing_ok=True)
-    for name in ("object.npy", "pickle.npy"):
-        with pytest.raises(MotionFileError, match=r"not a \.npy array"):
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, tuple[str, str]]:
+        return open, (str(self.path), "w")
+
+
+def test_pickles_never_run(tmp_path: Path) -> None:
+    trap = Trap(tmp_path / "sprung")
+    np.save(tmp_path / "object.npy", np.array([trap], dtype=object), allow_pickle=True)
+    (tmp_path / "motion.pkl").write_bytes(pickle.dumps({"joints": trap}))
+    for name in ("object.npy", "motion.pkl"):
+        with pytest.raises(MotionFileError, match=r"may run code \(it calls _?io\.open\)"):
             load_motion(tmp_path / name)
+    (tmp_path / "pickle.npy").write_bytes(pickle.dumps(trap))
+    with pytest.raises(MotionFileError, match=r"not a \.npy array"):
+        load_motion(tmp_path / "pickle.npy")
     assert not (tmp_path / "sprung").exists()
 
 
-def test_amass_is_refused_with_the_way_out(tmp_path: Path) -> None:
-    np.savez(tmp_path / "amass.npz", poses=np.zeros((10, 156)), trans=np.zeros((10, 3)))
-    with pytest.raises(MotionFileError, match=r"SMPL body model.*missing.*\(frames, 22, 3\)"):
-        load_motion(tmp_path / "amass.npz")
-    (tmp_path / "amass.npz").rename(tmp_path / "renamed.npy")
+def results_of_mdm(path: Path, **change: object) -> Path:
+    """MDM's results: the walk twice, the second time cut to 15 frames."""
+    motion = np.stack([y_up_walk().transpose(1, 2, 0)] * 2).astype(np.float32)
+    content = {
+        "motion": motion,
+        "text": ["a person walks", "a man walks"],
+        "lengths": np.array([motion.shape[3], 15]),
+        "num_samples": 2,
+        "num_repetitions": 1,
+    }
+    np.save(path, np.array(content | change, dtype=object), allow_pickle=True)
+    return path
+
+
+def test_results_of_motionlcm_and_mdm(tmp_path: Path) -> None:
+    expected = load_motion(save(tmp_path, y_up_walk())).positions
+    content = {"joints": y_up_walk(), "text": "a person walks", "length": 26, "hint": None}
+    (tmp_path / "lcm.pkl").write_bytes(pickle.dumps(content))
+    single = load_motion(tmp_path / "lcm.pkl")
+    assert single.text == "a person walks"
+    np.testing.assert_allclose(single.positions, expected)
+    path = results_of_mdm(tmp_path / "results.npy")
+    first, second = load_results(path)
+    np.testing.assert_allclose(first.positions, expected, atol=1e-6)
+    assert (len(second.positions), second.text) == (15, "a man walks")
+    assert second.source.endswith("results.npy#1")
+    with pytest.raises(MotionFileError, match="holds 2 motions; use it as a pool"):
+        load_motion(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"motion": np.zeros((2, 21, 3, 40))}, "motion has shape"),
+        ({"motion": "none"}, "no array of numbers"),
+        ({"text": ["one"]}, "differ in number"),
+        ({"text": 5}, "not iterable"),
+        ({"lengths": ["a", "b"]}, "invalid literal"),
+        ({"motion": np.zeros((2, 22, 3, 40))}, "0 m tall"),
+    ],
+)
+def test_results_that_are_none(change: dict[str, object], fault: str, tmp_path: Path) -> None:
+    with pytest.raises(MotionFileError, match=fault):
+        load_results(results_of_mdm(tmp_path / "results.npy", **change))
+
+
+def amass(folder: Path, **change: object) -> Path:
+    """A small AMASS file: half a turn of the body to the left, one arm bent."""
+    poses = np.zeros((60, 156))
+    poses[:, 2] = np.linspace(0.0, np.pi, 60)
+    poses[:, 18 * 3 + 1] = -1.2
+    content = {
+        "poses": poses,
+        "trans": np.tile([1.0, 2.0, 0.9], (60, 1)),
+        "betas": np.array([1.0] + [0.0] * 15),
+        "gender": "male",
+        "mocap_framerate": 60.0,
+    }
+    np.savez(folder / "amass.npz", **(content | change))  # type: ignore[arg-type]
+    return folder / "amass.npz"
+
+
+def body_model(folder: Path) -> None:
+    """A body model whose vertices are its joints, 1.5 % taller for each unit of shape."""
+    rest = y_up_walk()[0, :, [2, 0, 1]].T - y_up_walk()[0, 0, [2, 0, 1]]
+    joints = np.concatenate([rest, np.zeros((30, 3))])
+    shape = np.zeros((52, 3, 16))
+    shape[:, :, 0] = 0.015 * joints
+    place = folder / "smplh" / "male"
+    place.mkdir(parents=True)
+    np.savez(place / "model.npz", v_template=joints, shapedirs=shape, J_regressor=np.eye(52))
+
+
+def test_amass_by_the_body_model_of_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = amass(tmp_path)
+    monkeypatch.delenv(MODELS, raising=False)
+    with pytest.raises(MotionFileError, match=rf"body model.*none is at hand.*{MODELS}.*\.npy"):
+        load_motion(path)
+    monkeypatch.setenv(MODELS, str(tmp_path))
+    with pytest.raises(MotionFileError, match="none for 'male' is in"):
+        load_motion(path)
+    body_model(tmp_path)
+    motion = load_motion(path)
+    assert (len(motion.positions), motion.fps) == (60, 60.0)
+    turned = np.unwrap(heading(motion.positions))
+    assert turned[-1] - turned[0] == pytest.approx(np.pi)
+    np.testing.assert_allclose(motion.positions[:, 0, :2], [[1.0, 2.0]] * 60)
+    was = np.linalg.norm(y_up_walk()[0, 4] - y_up_walk()[0, 1])
+    is_now = np.linalg.norm(motion.positions[:, 4] - motion.positions[:, 1], axis=1)
+    np.testing.assert_allclose(is_now, 1.015 * was)
+
+
+def test_joints_turn_as_the_rotations_say() -> None:
+    """Against scipy's composition of rotations along the chain to the left wrist."""
+    rng = np.random.default_rng(4)
+    rest, poses = rng.normal(size=(22, 3)), rng.normal(size=(3, 22, 3))
+    joints = pose_joints(rest, poses)
+    chain = [0, 3, 6, 9, 13, 16, 18, 20]
+    for t in range(3):
+        turn, at = Rotation.from_rotvec(poses[t, 0]), rest[0]
+        for parent, joint in pairwise(chain):
+            at = at + turn.apply(rest[joint] - rest[parent])
+            turn = turn * Rotation.from_rotvec(poses[t, joint])
+        np.testing.assert_allclose(joints[t, 20], at)
+
+
+def test_archives_that_are_no_motion(tmp_path: Path) -> None:
+    with pytest.raises(MotionFileError, match=r"do not fit"):
+        load_motion(amass(tmp_path, poses=np.zeros((60, 12))))
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    with pytest.raises(MotionFileError, match="not a motion of AMASS; it has x"):
+        load_motion(tmp_path / "other.npz")
+    (tmp_path / "damaged.npz").write_bytes(b"PK nonsense")
+    with pytest.raises(MotionFileError, match=r"not a \.npz archive"):
+        load_motion(tmp_path / "damaged.npz")
+    amass(tmp_path).rename(tmp_path / "renamed.npy")
     with pytest.raises(MotionFileError, match="an archive of arrays"):
         load_motion(tmp_path / "renamed.npy")
 
@@ -237,13 +362,28 @@ def test_json_fault_names_its_line(tmp_path: Path) -> None:
         load_motion(file)
 
 
-@pytest.mark.parametrize("suffix", [".npy", ".bvh", ".json", ".txt"])
-def test_damaged_files_raise_nothing_else(suffix: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("suffix", "kind"),
+    [(".npy", "positions"), (".npy", "results"), (".pkl", "joints"), (".npz", "amass"),
+     (".bvh", ""), (".json", ""), (".txt", "")],
+)  # fmt: skip
+def test_damaged_files_raise_nothing_else(
+    suffix: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Random bytes, truncations and flipped bytes load or raise MotionFileError."""
     rng = np.random.default_rng(1)
     good = b""
-    if suffix == ".npy":
+    if kind == "positions":
         good = save(tmp_path, y_up_walk()).read_bytes()
+    elif kind == "results":
+        one = {"motion": y_up_walk().transpose(1, 2, 0)[None], "text": ["a"], "lengths": [26]}
+        good = results_of_mdm(tmp_path / "results.npy", **one).read_bytes()
+    elif kind == "joints":
+        good = pickle.dumps({"joints": y_up_walk(), "text": "a person walks", "length": 26})
+    elif kind == "amass":
+        body_model(tmp_path)
+        monkeypatch.setenv(MODELS, str(tmp_path))
+        good = amass(tmp_path).read_bytes()
     elif suffix != ".bvh":
         good = deepmimic(tmp_path).read_bytes()
     file = tmp_path / f"damaged{suffix}"

@@ -17,25 +17,32 @@ from robomirror_drake.motion.bvh import load_bvh
 from robomirror_drake.motion.checks import existing_file
 from robomirror_drake.motion.humanml import load_humanml
 from robomirror_drake.motion.mocap import load_mocap
+from robomirror_drake.motion.plain_pickle import is_pickled_npy
+from robomirror_drake.motion.results_files import load_result
+from robomirror_drake.motion.smpl import load_smpl
+
+
+def _load_npy(path: Path | str) -> HumanMotion:
+    """HumanML3D's arrays of numbers, or MDM's pickled results."""
+    return load_result(path) if is_pickled_npy(Path(path)) else load_humanml(path)
+
 
 LOADERS: dict[str, Callable[[Path | str], HumanMotion]] = {
     ".bvh": load_bvh,
-    ".npy": load_humanml,
+    ".npy": _load_npy,
     ".txt": load_mocap,
     ".json": load_mocap,
+    ".npz": load_smpl,
+    ".pkl": load_result,
 }
 """The loader of each file suffix."""
 
-_SMPL_SUFFIXES = (".npz", ".pkl")
-_SMPL_FAULT = (
-    "holds SMPL body parameters (as AMASS does), and the SMPL body model that turns them into "
-    "joint positions is not free to ship and is missing here; with the model, compute the "
-    "first 22 joints at 20 fps, y up, and save them as a (frames, 22, 3) .npy"
-)
-
 
 def load_motion(path: Path | str) -> HumanMotion:
-    """Load a motion file: BVH, HumanML3D ``.npy`` or DeepMimic JSON (``.txt``, ``.json``).
+    """Load a motion file of any kind in :data:`LOADERS`.
+
+    BVH; HumanML3D ``.npy``, or MDM's with one motion; DeepMimic JSON (``.txt``, ``.json``); AMASS
+    ``.npz``, where the body model is at hand; MotionLCM's ``.pkl``, of which nothing is executed.
 
     Raises:
         MotionFileError: The file is missing, of an unknown kind, malformed, empty, too
@@ -43,8 +50,6 @@ def load_motion(path: Path | str) -> HumanMotion:
     """
     path = existing_file(path)
     suffix = path.suffix.lower()
-    if suffix in _SMPL_SUFFIXES:
-        raise MotionFileError(path, _SMPL_FAULT)
     if suffix not in LOADERS:
         raise MotionFileError(
             path,
