@@ -1,4 +1,4 @@
-"""Contact wrench and link kinematics along a trajectory, with derivatives.
+"""Contact wrench, inverse dynamics and link poses along a trajectory, with derivatives.
 
 A trajectory is given by x (T, 30) and its two time derivatives, where x is a
 configuration in Drake's order whose quaternion need not have unit length: that
@@ -7,15 +7,15 @@ angular velocity and acceleration in the base's own frame are
 
     ω = 2 vec(r̄ ṙ) / |r|²,      ω̇ = 2 vec(r̄ r̈) / |r|² − 2 (r·ṙ) / |r|² ω.
 
-The wrench that the ground has to supply follows from Newton and Euler,
+The wrench that the ground has to supply is what inverse dynamics asks of the base's six
+joints that have no motor. About the origin of the world it is, by Newton and Euler,
 
     f = ḣ_lin − m g,      n = c × f + L̇,
 
-with n about the origin of the world, c the centre of mass, ḣ_lin and L̇ the
-rates of linear and angular momentum about it (D. Orin, A. Goswami, S.-H. Lee,
-"Centroidal dynamics of a humanoid robot", Autonomous Robots, 2013). Pinocchio
-gives the derivatives in the tangent space of its free flyer; the chain rule to
-x, ẋ, ẍ is here.
+c being the centre of mass, ḣ_lin and L̇ the rates of linear and angular momentum about it
+(D. Orin, A. Goswami, S.-H. Lee, "Centroidal dynamics of a humanoid robot", Autonomous
+Robots, 2013). Pinocchio gives the derivatives in the tangent space of its free flyer; the
+chain rule to x, ẋ, ẍ is here.
 """
 
 from __future__ import annotations
@@ -27,24 +27,29 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from robomirror_drake.messages import Array
-from robomirror_drake.robot import rotation_matrix
+from robomirror_drake.optimization.kinematics import body_poses, make_tree
+from robomirror_drake.robot import Robot, rotation_matrix
 
 GRAVITY = 9.81
 
 
-class WrenchSamples(NamedTuple):
-    """Contact wrench along a trajectory, [moment about the world's origin N·m, force N].
+class Samples(NamedTuple):
+    """Dynamics and kinematics along a trajectory.
 
     Attributes:
-        wrench: (T, 6).
-        jacobians: (3, T, 6, 30) derivatives with respect to x, ẋ, ẍ; None if not asked for.
+        wrench: (T, 6) contact wrench, [moment about the world's origin N·m, force N].
+        torque: (T, 23) joint torques that the motion needs where no foot is loaded [N·m].
+        wrench_jacobians: (3, T, 6, 30) derivatives with respect to x, ẋ, ẍ, and
+        torque_jacobians: (3, T, 23, 30) likewise; None if not asked for.
         links: (T, L, 4, 4) poses of the frames asked for, in world.
         motion: (T, 6, 29) Jacobian of Pinocchio, world, linear first, about the origin.
         at: The trajectory in Pinocchio's coordinates.
     """
 
     wrench: Array
-    jacobians: Array | None
+    torque: Array
+    wrench_jacobians: Array | None
+    torque_jacobians: Array | None
     links: Array
     motion: Array
     at: Tangent
@@ -168,43 +173,75 @@ def _chain(J: Array, base: Array) -> Array:
 
 
 def sample(
-    model: Any, frames: list[int], x: Array, xd: Array, xdd: Array, *, derivatives: bool
-) -> WrenchSamples:
-    """Evaluates wrench and link poses on a trajectory x, ẋ, ẍ, each (T, 30)."""
-    data = model.createData()
-    at = tangent(x, xd, xdd)
+    robot: Robot, frames: list[int], x: Array, xd: Array, xdd: Array, *, derivatives: bool
+) -> Samples:
+    """Evaluates dynamics and link poses on a trajectory x, ẋ, ẍ, each (T, 30).
+
+    Args:
+        robot: The robot.
+        frames: (L,) Pinocchio ids of the frames whose poses are wanted.
+        x, xd, xdd: The trajectory.
+        derivatives: Whether to evaluate the Jacobians too.
+    """
+    model, at = robot.model, tangent(x, xd, xdd)
+    tree, data = make_tree(robot), model.createData()
+    still = np.concatenate([x[:, 4:7], np.zeros((len(x), 3)), x[:, 7:]], axis=1)
+    R, p = body_poses(tree, rotation_matrix(unit_quaternions(x)[:, :4]), still)
+    links = _link_poses(model, frames, R, p)
+    motion = _motion(tree.axis, R, p)
     T, nv = len(x), model.nv
-    hdot, com = np.empty((T, 6)), np.empty((T, 3))
-    links = np.empty((T, len(frames), 4, 4))
-    motion = np.empty((T, 6, nv))
-    dq, dv, da = (np.empty((T, 6, nv)) for _ in range(3))
-    # The loop does nothing but call Pinocchio and copy what it returns.
-    for t in range(T):
-        if derivatives:
-            _, dq[t], dv[t], da[t] = pin.computeCentroidalDynamicsDerivatives(
-                model, data, at.q[t], at.v[t], at.a[t]
-            )
-            motion[t] = data.J
-        else:
-            pin.computeCentroidalMomentumTimeVariation(model, data, at.q[t], at.v[t], at.a[t])
-        hdot[t], com[t] = data.dhg.np, data.com[0]
-        pin.updateFramePlacements(model, data)
-        for i, frame in enumerate(frames):
-            links[t, i] = data.oMf[frame].homogeneous
-    mass = float(sum(inertia.mass for inertia in model.inertias))
-    force = hdot[:, :3] + np.array([0.0, 0.0, mass * GRAVITY])
-    wrench = np.concatenate([np.cross(com, force) + hdot[:, 3:], force], axis=1)
+    tau = np.empty((T, nv))
+    # The loops do nothing but call Pinocchio and copy what it returns.
     if not derivatives:
-        return WrenchSamples(wrench, None, links, motion, at)
-    # dn = c × df − f × dc + dL̇, and m dc is the linear part of dḣ/da.
-    lever, load = cross_matrix(com), cross_matrix(force)
+        for t in range(T):
+            tau[t] = pin.rnea(model, data, at.q[t], at.v[t], at.a[t])
+        wrench = _to_world(tau[..., None], R[:, 0], p[:, 0])[..., 0]
+        return Samples(wrench, tau[:, 6:], None, None, links, motion, at)
+    by_q, by_v, by_a = (np.empty((T, nv, nv)) for _ in range(3))
+    for t in range(T):
+        pin.computeRNEADerivatives(model, data, at.q[t], at.v[t], at.a[t])
+        tau[t], by_q[t], by_v[t], by_a[t] = data.tau, data.dtau_dq, data.dtau_dv, data.M
+    wrench = _to_world(tau[..., None], R[:, 0], p[:, 0])[..., 0]
+    by_q, by_v, by_a = (
+        np.concatenate([_to_world(d, R[:, 0], p[:, 0]), d[:, 6:]], axis=1)
+        for d in (by_q, by_v, by_a)
+    )
+    # A base that moves and turns carries the wrench with it.
+    load, lever = cross_matrix(wrench[:, 3:]), cross_matrix(p[:, 0])
+    moment = cross_matrix(wrench[:, :3] - np.cross(p[:, 0], wrench[:, 3:]))
+    by_q[:, 3:6, 3:6] -= load @ R[:, 0]
+    by_q[:, :3, 3:6] -= (moment + lever @ load) @ R[:, 0]
+    by_q[:, :3, :3] -= load @ R[:, 0]
+    jacobians = chart_jacobians(by_q, by_v, by_a, at)
+    return Samples(wrench, tau[:, 6:], jacobians[:, :, :6], jacobians[:, :, 6:], links, motion, at)
 
-    def to_wrench(d: Array) -> Array:
-        return np.concatenate([lever @ d[:, :3] + d[:, 3:], d[:, :3]], axis=1)
 
-    by_q, by_v, by_a = to_wrench(dq), to_wrench(dv), to_wrench(da)
-    by_q[:, :3] -= load @ da[:, :3] / mass
-    return WrenchSamples(wrench, chart_jacobians(by_q, by_v, by_a, at), links, motion, at)
+def _to_world(tau: Array, R: Array, p: Array) -> Array:
+    """(T, 6, n) wrenches about the world's origin from the base's rows of (T, 29, n)."""
+    force = R @ tau[:, :3]
+    return np.concatenate([R @ tau[:, 3:6] + cross_matrix(p) @ force, force], axis=1)
+
+
+def _link_poses(model: Any, frames: list[int], R: Array, p: Array) -> Array:
+    """(T, L, 4, 4) poses of frames from those of the bodies."""
+    body = [model.frames[frame].parentJoint - 1 for frame in frames]
+    placed = np.reshape([model.frames[frame].placement.homogeneous for frame in frames], (-1, 4, 4))
+    links = np.zeros((len(R), len(frames), 4, 4))
+    links[..., :3, :3] = R[:, body] @ placed[:, :3, :3]
+    links[..., :3, 3] = p[:, body] + (R[:, body] @ placed[:, :3, 3:])[..., 0]
+    links[..., 3, 3] = 1.0
+    return links
+
+
+def _motion(axis: Array, R: Array, p: Array) -> Array:
+    """(T, 6, 29) Jacobian in world, linear first, about the origin."""
+    turning = np.concatenate(
+        [R[:, 0], np.moveaxis((R[:, 1:] @ axis[1:, :, None])[..., 0], 1, 2)], 2
+    )
+    origin = np.concatenate([np.repeat(p[:, :1], 3, axis=1), p[:, 1:]], axis=1)
+    linear = np.cross(origin, np.swapaxes(turning, 1, 2)).swapaxes(1, 2)
+    sliding = np.concatenate([R[:, 0], np.zeros_like(R[:, 0])], axis=1)
+    return np.concatenate([sliding, np.concatenate([linear, turning], axis=1)], axis=2)
 
 
 def frame_support(model: Any, frames: list[int]) -> npt.NDArray[np.bool_]:
@@ -217,7 +254,7 @@ def frame_support(model: Any, frames: list[int]) -> npt.NDArray[np.bool_]:
     return mask
 
 
-def point_jacobians(samples: WrenchSamples, support: npt.NDArray[np.bool_], points: Array) -> Array:
+def point_jacobians(samples: Samples, support: npt.NDArray[np.bool_], points: Array) -> Array:
     """(T, P, 3, 30) derivative of points (T, P, 3) in world with respect to x.
 
     ``support`` (P, 29) says which velocities move each point.
@@ -229,8 +266,11 @@ def point_jacobians(samples: WrenchSamples, support: npt.NDArray[np.bool_], poin
     return np.concatenate([base, J[..., 6:]], axis=-1)
 
 
-def rotation_jacobians(samples: WrenchSamples, support: npt.NDArray[np.bool_]) -> Array:
-    """(T, L, 3, 30) derivative of link orientations, as rotation vectors in world."""
+def rotation_jacobians(samples: Samples, support: npt.NDArray[np.bool_]) -> Array:
+    """(T, L, 3, 30) derivative of link orientations, as rotation vectors in world.
+
+    ``support`` (L, 29) says which velocities move each link.
+    """
     J = samples.motion[:, None, 3:] * support[None, :, None, :]
     base = J[..., :6] @ samples.at.dq[:, None]
     return np.asarray(np.concatenate([base, J[..., 6:]], axis=-1))

@@ -18,7 +18,9 @@ class PlanOptions(BaseModel):
         1.0, ge=0.0, le=1.0, description="share of the dynamic violation to remove; 0: no plan"
     )
     knot_spacing: float = Field(0.05, gt=0.0, le=0.5, description="of the spline's knots [s]")
-    samples_per_knot: int = Field(2, ge=2, le=20, description="samples between two knots")
+    stride: int = Field(
+        1, ge=1, le=3, description="frames from one sample to the next, but where contacts change"
+    )
     friction: float = Field(0.35, gt=0.0, le=2.0, description="friction coefficient planned with")
     cop_margin: float = Field(
         0.025, ge=0.0, le=0.1, description="distance of the centre of pressure from the edge [m]"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from robomirror_drake.messages import Array
 
@@ -17,7 +18,7 @@ class Rows(NamedTuple):
 
 
 class Penalty(NamedTuple):
-    """ρ of a group's equalities, and µ of the barrier on its inequalities."""
+    """ρ and µ of a group of rows: stiffness outside the bounds, and barrier before them."""
 
     stiffness: float
     barrier: float
@@ -41,21 +42,35 @@ def bound_terms(y: Array, rows: Rows, penalty: Penalty, multipliers: Array) -> B
     Source: C. Feller, C. Ebenbauer, "Relaxed logarithmic barrier function based model
     predictive control of linear systems", IEEE TAC 62(3), 2017.
     """
-    rho, mu = penalty
+    slope, curvature = np.empty_like(y), np.empty_like(y)
+    cost = _terms(y, *rows, *penalty, multipliers, slope, curvature)
+    return BoundTerms(float(cost), slope, curvature)
+
+
+@njit(cache=True)
+def _terms(y, lower, upper, rho, mu, multipliers, slope, curvature):  # type: ignore[no-untyped-def]
     delta = np.sqrt(mu / rho)
-    equal = rows.lower == rows.upper
-    r = np.where(equal, y - np.where(equal, rows.lower, 0.0), 0.0)
-    cost = float(np.sum(multipliers * r) + 0.5 * rho * np.sum(r * r))
-    slope = np.where(equal, multipliers + rho * r, 0.0)
-    curvature = np.where(equal, rho, 0.0)
-    for bound, sign in ((rows.lower, 1.0), (rows.upper, -1.0)):
-        used = ~equal & np.isfinite(bound)
-        z = np.where(used, sign * (y - np.where(used, bound, 0.0)), 1.0)
-        inside = np.maximum(z, delta)
-        far = z >= delta
-        near = (z - 2.0 * delta) / delta
-        log = np.where(far, -np.log(inside), 0.5 * (near**2 - 1.0) - np.log(delta))
-        cost += mu * float(np.sum(log[used]))
-        slope += sign * np.where(used, np.where(far, -mu / inside, mu * near / delta), 0.0)
-        curvature += np.where(used, mu / inside**2, 0.0)
-    return BoundTerms(cost, slope, curvature)
+    offset, cost = -np.log(delta), 0.0
+    for t in range(y.shape[0]):
+        for i in range(y.shape[1]):
+            low, high = lower[t, i], upper[t, i]
+            if low == high:
+                r = y[t, i] - low
+                cost += multipliers[t, i] * r + 0.5 * rho * r * r
+                slope[t, i] = multipliers[t, i] + rho * r
+                curvature[t, i] = rho
+                continue
+            slope[t, i] = curvature[t, i] = 0.0
+            for sign, z in ((1.0, y[t, i] - low), (-1.0, high - y[t, i])):
+                if z >= np.inf:
+                    continue
+                if z >= delta:
+                    cost -= mu * np.log(z)
+                    slope[t, i] -= sign * mu / z
+                    curvature[t, i] += mu / (z * z)
+                else:
+                    near = (z - 2.0 * delta) / delta
+                    cost += mu * (0.5 * (near * near - 1.0) + offset)
+                    slope[t, i] += sign * mu * near / delta
+                    curvature[t, i] += rho
+    return cost

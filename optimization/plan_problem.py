@@ -4,8 +4,7 @@ A plan is a cubic B-spline on the robot's whole configuration, at rest at both e
 cost is a sum of squares over samples of the distance to a kinematic reference (keypoints,
 trunk orientations, posture, accelerations); its constraints are rows lower ≤ y ≤ upper:
 wrench cones, sole corners, joint velocities and torques, gaps between the links. Equalities
-enter as an augmented Lagrangian, inequalities as relaxed barriers, so that every step is a
-Newton step on a banded matrix.
+enter as an augmented Lagrangian, inequalities as relaxed barriers.
 
 Source: J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch. 10 and 17.
 """
@@ -19,15 +18,21 @@ import numpy as np
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization import centroidal, spline
-from robomirror_drake.optimization.plan_collision import gap_jacobians, gaps
+from robomirror_drake.optimization.plan_collision import Gaps, gap_jacobians, gaps
 from robomirror_drake.optimization.plan_contacts import Cones
 from robomirror_drake.optimization.plan_frames import Frames
-from robomirror_drake.optimization.plan_penalty import Penalty, Rows, bound_terms
+from robomirror_drake.optimization.plan_penalty import Rows
 from robomirror_drake.optimization.plan_torque import Split, joint_torques
 from robomirror_drake.robot import Robot
 
-GROUPS = ("wrench", "corners", "speed", "gaps", "torque")
-"""Groups of constraint rows."""
+POSE = ("corners", "gaps")
+"""Groups of constraint rows on x alone."""
+
+EFFORT = ("wrench", "torque")
+"""Groups of constraint rows on x, ẋ and ẍ."""
+
+GROUPS = (*POSE, *EFFORT, "speed", "limits")
+"""All groups of constraint rows."""
 
 
 class Weights(NamedTuple):
@@ -52,19 +57,33 @@ class Evaluation(NamedTuple):
     """The problem at one trajectory.
 
     Attributes:
-        cost: Half the sum of squares, multipliers included.
+        objective: Half the sum of squares, without what the constraints cost.
         values: Constraint rows y by group, (T, m).
         wrench: (T, 6) contact wrench about the world's origin.
         points: (T, P, 3) points of :class:`Frames` in world [m].
-        band, gradient: Gauss–Newton matrix and gradient; None without derivatives.
     """
 
-    cost: float
+    objective: float
     values: dict[str, Array]
     wrench: Array
     points: Array
-    band: Array | None
-    gradient: Array | None
+
+
+class Linearization(NamedTuple):
+    """The problem to first order about one trajectory.
+
+    Attributes:
+        at: The problem there.
+        band, gradient: Gauss–Newton matrix and gradient (K, 30) of the objective.
+        of_pose: (T, m, 30) derivatives of the rows of ``POSE`` by x.
+        of_effort: (3, T, m, 30) derivatives of the rows of ``EFFORT`` by x, ẋ, ẍ.
+    """
+
+    at: Evaluation
+    band: Array
+    gradient: Array
+    of_pose: Array
+    of_effort: Array
 
 
 @dataclass(frozen=True)
@@ -81,7 +100,7 @@ class Problem:
         target_trunk: (T, 2, 3, 3) orientations of the trunk links.
         rows: Bounds of each group: ``wrench`` (T, 16), ``corners`` (T, 24) [m], ``speed``
             (T, 23) as shares of the limits, ``gaps`` (T, M) between the robot's own links [m],
-            ``torque`` (T, 23) as shares of the limits.
+            ``torque`` (T, 23) as shares of the limits, ``limits`` (K, 30) of the control points.
         cones: The wrench cones whose rows ``wrench`` are.
         split: How the feet share the wrench, for the torques.
         weights: See :class:`Weights`.
@@ -99,125 +118,100 @@ class Problem:
     split: Split
     weights: Weights
 
-    def evaluate(
-        self,
-        control: Array,
-        penalty: dict[str, Penalty],
-        multipliers: dict[str, Array],
-        *,
-        derivatives: bool,
-    ) -> Evaluation:
-        """Cost and, if asked for, Gauss–Newton matrix and gradient at control points (K, 30).
+    def evaluate(self, control: Array) -> Evaluation:
+        """The problem at control points (K, 30)."""
+        return self._look(control, derivatives=False).at
 
-        Args:
-            control: (K, 30) control points.
-            penalty: Of each group.
-            multipliers: λ of each group's equalities, (T, m).
-            derivatives: Whether to build the matrix and the gradient.
-        """
+    def linearize(self, control: Array) -> Linearization:
+        """The problem and its first derivatives at control points (K, 30)."""
+        look = self._look(control, derivatives=True)
+        x, _, xdd = look.trajectory
+        w, samples, frames = self.weights, look.samples, self.frames
+        points, T = look.at.points, len(x)
+        supports = frames.support[frames.owner]
+        of_points = centroidal.point_jacobians(samples, supports, points)
+        of_trunk = centroidal.rotation_jacobians(samples, frames.support[frames.trunk])
+        of_gaps = gap_jacobians(frames.capsules, look.gaps, samples.motion, frames.support)
+        J = np.concatenate(
+            [
+                w.keypoint * of_points[:, 8:].reshape(T, -1, 30),
+                w.orientation * of_trunk.reshape(T, -1, 30),
+                np.pad(2.0 * x[:, None, :4], ((0, 0), (0, 0), (0, 26))),
+            ],
+            axis=1,
+        )
+        astray, surge = look.astray
+        gradient = np.einsum("tri,tr->ti", J, look.residual) + w.posture**2 * astray
+        bend = w.acceleration**2 * surge + w.damping**2 * xdd
+        total = spline.spread_gradient(self.basis, gradient, 0)
+        total = total + spline.spread_gradient(self.basis, bend, 2)
+        hessian = np.swapaxes(J, 1, 2) @ J
+        hessian[:, range(30), range(30)] += w.posture**2
+        band = spline.zero_band(self.basis.points, 30)
+        spline.add_blocks(band, self.basis, hessian, rows=0, columns=0)
+        smooth = np.tile(w.acceleration**2 + w.damping**2, (T, 1))
+        spline.add_diagonal(band, self.basis, smooth, 2)
+        of_pose = np.concatenate(
+            [
+                of_points[:, :8].reshape(T, 24, 30),
+                np.pad(of_gaps, ((0, 0), (0, 0), (7, 0))),
+            ],
+            axis=1,
+        )
+        # They are there, as they were asked for.
+        assert samples.wrench_jacobians is not None
+        assert look.of_torque is not None
+        of_effort = np.concatenate(
+            [
+                self.cones.rows[None] @ samples.wrench_jacobians,
+                look.of_torque / self.robot.effort_limits[:, None],
+            ],
+            axis=2,
+        )
+        return Linearization(look.at, band, np.asarray(total), of_pose, of_effort)
+
+    def _look(self, control: Array, *, derivatives: bool) -> _Look:
         x, xd, xdd = (spline.evaluate(self.basis, control, order) for order in range(3))
-        samples = centroidal.sample(
-            self.robot.model, self.frames.links, x, xd, xdd, derivatives=derivatives
-        )
-        points = self.frames.points(samples.links)
-        torque, of_torque = joint_torques(
-            self.robot,
-            samples,
-            self.split,
-            self.frames.support[self.frames.owner[0:8:4]],
-        )
-        apart = gaps(self.frames.capsules, samples.links)
-        y = {
+        frames = self.frames
+        samples = centroidal.sample(self.robot, frames.links, x, xd, xdd, derivatives=derivatives)
+        points = frames.points(samples.links)
+        feet = frames.support[frames.owner[0:8:4]]
+        torque, of_torque = joint_torques(self.robot, samples, self.split, feet)
+        apart = gaps(frames.capsules, samples.links)
+        values = {
             "wrench": np.einsum("trw,tw->tr", self.cones.rows, samples.wrench),
             "corners": points[:, :8].reshape(len(x), 24),
             "speed": xd[:, 7:] / self.robot.velocity_limits,
             "gaps": apart.distance,
             "torque": torque / self.robot.effort_limits,
-        }
-        terms = {
-            name: bound_terms(y[name], self.rows[name], penalty[name], multipliers[name])
-            for name in GROUPS
+            "limits": control,
         }
         keypoints = (points[:, 8:] - self.target_points[:, 8:]).reshape(len(x), -1)
-        turn = samples.links[:, self.frames.trunk, :3, :3] @ np.swapaxes(self.target_trunk, -1, -2)
+        turn = samples.links[:, frames.trunk, :3, :3] @ np.swapaxes(self.target_trunk, -1, -2)
         skew = 0.5 * (turn - np.swapaxes(turn, -1, -2))
         tilt = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-        tilt = tilt.reshape(len(x), -1)
         w = self.weights
-        astray, surge = x - self.target, xdd - self.target_acceleration
-        gauge = np.sum(x[:, :4] ** 2, axis=1) - 1.0
-        cost = 0.5 * float(
-            w.keypoint**2 * np.sum(keypoints**2)
-            + w.orientation**2 * np.sum(tilt**2)
-            + np.sum((w.posture * astray) ** 2)
-            + np.sum((w.acceleration * surge) ** 2)
-            + np.sum((w.damping * xdd) ** 2)
-            + np.sum(gauge**2)
+        gauge = np.sum(x[:, :4] ** 2, axis=1, keepdims=True) - 1.0
+        residual = np.concatenate(
+            [w.keypoint * keypoints, w.orientation * tilt.reshape(len(x), -1), gauge], axis=1
         )
-        cost += sum(term.cost for term in terms.values())
-        if samples.jacobians is None or of_torque is None:
-            return Evaluation(cost, y, samples.wrench, points, None, None)
+        astray = x - self.target, xdd - self.target_acceleration
+        parts = residual, w.posture * astray[0], w.acceleration * astray[1], w.damping * xdd
+        objective = 0.5 * sum(float(np.sum(part**2)) for part in parts)
+        at = Evaluation(objective, values, samples.wrench, points)
+        return _Look(at, (x, xd, xdd), samples, apart, of_torque, residual, astray)
 
-        # Residuals and Jacobians of what depends on x alone …
-        of_points = centroidal.point_jacobians(
-            samples, self.frames.support[self.frames.owner], points
-        )
-        of_trunk = centroidal.rotation_jacobians(samples, self.frames.support)[:, self.frames.trunk]
-        of_gaps = gap_jacobians(self.frames.capsules, apart, samples.motion, self.frames.support)
-        stiff = np.sqrt(terms["corners"].curvature)
-        tight = np.sqrt(terms["gaps"].curvature)
-        J = np.concatenate(
-            [
-                stiff[..., None] * of_points[:, :8].reshape(len(x), 24, 30),
-                w.keypoint * of_points[:, 8:].reshape(len(x), -1, 30),
-                w.orientation * of_trunk.reshape(len(x), -1, 30),
-                np.pad(tight[..., None] * of_gaps, ((0, 0), (0, 0), (7, 0))),
-                np.pad(2.0 * x[:, None, :4], ((0, 0), (0, 0), (0, 26))),
-            ],
-            axis=1,
-        )
-        push = terms["corners"].slope / np.where(stiff > 0.0, stiff, 1.0)
-        r = np.concatenate(
-            [
-                push,
-                w.keypoint * keypoints,
-                w.orientation * tilt,
-                terms["gaps"].slope / tight,
-                gauge[:, None],
-            ],
-            axis=1,
-        )
-        # … and of wrench and torques, which depend on x, ẋ and ẍ.
-        wrench = np.concatenate(
-            [
-                self.cones.rows[None] @ samples.jacobians,
-                of_torque / self.robot.effort_limits[:, None],
-            ],
-            axis=2,
-        )
-        slope, curvature = (
-            np.concatenate([getattr(terms[name], kind) for name in ("wrench", "torque")], axis=1)
-            for kind in ("slope", "curvature")
-        )
-        stiff_wrench = wrench * curvature[None, :, :, None]
-        transposed = np.swapaxes(stiff_wrench, -1, -2)
-        hessian = {(i, j): transposed[i] @ wrench[j] for i in range(3) for j in range(i + 1)}
-        hessian[0, 0] += np.swapaxes(J, 1, 2) @ J
-        gradient = np.einsum("atri,tr->ati", wrench, slope)
-        gradient[0] += np.einsum("tri,tr->ti", J, r) + w.posture**2 * astray
-        gradient[2] += w.acceleration**2 * surge + w.damping**2 * xdd
-        gradient[1, :, 7:] += terms["speed"].slope / self.robot.velocity_limits
-        speed = np.zeros_like(x)
-        speed[:, 7:] = terms["speed"].curvature / self.robot.velocity_limits**2
-        ones = np.ones_like(x)
-        band = spline.zero_band(self.basis.points, 30)
-        spline.add_diagonal(band, self.basis, w.posture**2 * ones, 0)
-        spline.add_diagonal(band, self.basis, speed, 1)
-        spline.add_diagonal(band, self.basis, (w.acceleration**2 + w.damping**2) * ones, 2)
-        for (i, j), block in hessian.items():
-            spline.add_blocks(band, self.basis, block, rows=i, columns=j)
-        total = sum(spline.spread_gradient(self.basis, gradient[i], i) for i in range(3))
-        return Evaluation(cost, y, samples.wrench, points, band, np.asarray(total))
+
+class _Look(NamedTuple):
+    """What :meth:`Problem.evaluate` and :meth:`Problem.linearize` both need."""
+
+    at: Evaluation
+    trajectory: tuple[Array, Array, Array]
+    samples: centroidal.Samples
+    gaps: Gaps
+    of_torque: Array | None
+    residual: Array
+    astray: tuple[Array, Array]
 
 
 def rest_at_both_ends(basis: spline.Basis) -> spline.Basis:

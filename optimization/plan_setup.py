@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import Array, BoolArray, RobotReference
@@ -32,6 +33,7 @@ from robomirror_drake.optimization.plan_solver import Standing
 from robomirror_drake.optimization.plan_torque import Split
 from robomirror_drake.robot import Robot
 
+_INSET = 2e-3  # of joint limits, as a soft bound may be overrun a little [rad]
 _AT_REST = 0.2  # speeds below this are rest [m/s, rad/s]
 
 
@@ -83,7 +85,7 @@ def pad(robot: Robot, reference: RobotReference, options: PlanOptions) -> Padded
 
     soles = Frames.of(robot)
     still = np.zeros_like(q)
-    pose = centroidal.sample(robot.model, soles.links, q, still, still, derivatives=False)
+    pose = centroidal.sample(robot, soles.links, q, still, still, derivatives=False)
     corners = soles.points(pose.links)[:, :8].reshape(-1, 2, 4, 3)
     own = steady(reference.contact, corners, round(options.shortest_phase / dt))
     frames = round(options.lead / dt)
@@ -117,34 +119,34 @@ def first_guess(padded: Padded, spacing: float, intervals: int) -> Array:
     return spline.fit(rest_at_both_ends(free), padded.q)
 
 
+def picked_frames(contact: BoolArray, stride: int) -> npt.NDArray[np.int64]:
+    """The frames a plan looks at: every ``stride``-th, the last, and both sides of a switch."""
+    last = len(contact) - 1
+    switches = np.flatnonzero((contact[1:] != contact[:-1]).any(axis=(1, 2)))
+    return np.unique(np.concatenate([np.arange(0, last, stride), [last], switches, switches + 1]))
+
+
 def problem(
     robot: Robot, padded: Padded, spacing: float, intervals: int, options: PlanOptions
 ) -> tuple[Problem, Standing]:
     """The least-squares problem of a plan, and its contacts."""
-    samples = np.arange(intervals * options.samples_per_knot + 1, dtype=np.float64)
-    time = samples * (spacing / options.samples_per_knot)
+    picked = picked_frames(padded.contact, options.stride)
+    time = padded.time[picked]
     free = spline.basis(time, spacing, intervals + 3)
-    frames = np.clip(time / padded.time[1], 0, len(padded.q) - 1)
     fitted = spline.fit(spline.basis(padded.time, spacing, intervals + 3), padded.q)
     target, rate, surge = (spline.evaluate(free, fitted, order) for order in range(3))
     looked_at = Frames.of(robot)
-    kinematic = centroidal.sample(
-        robot.model, looked_at.links, target, rate, surge, derivatives=False
-    )
+    kinematic = centroidal.sample(robot, looked_at.links, target, rate, surge, derivatives=False)
     points = looked_at.points(kinematic.links)
-    # A foot is held still as long as either frame around a sample says so, and so up to its
-    # very lift-off.
-    contact = np.logical_or(
-        padded.contact[np.floor(frames + 1e-9).astype(int)],
-        padded.contact[np.ceil(frames - 1e-9).astype(int)],
-    )
-    loaded = loaded_corners(padded.contact, frames, 1.0)
+    contact = padded.contact[picked]
+    frames = np.arange(len(padded.time), dtype=np.float64)
+    loaded = loaded_corners(padded.contact, frames, 1.0)[picked]
     placed = anchors(points[:, :8].reshape(-1, 2, 4, 3), contact, robot.sole_corners)
     cones = wrench_cones(placed, loaded, options.cone(robot))
     standing = Standing(
         contact=contact,
         loaded=loaded,
-        least=clearance(contact, options.clearance, options.samples_per_knot / spacing),
+        least=clearance(padded.contact, options.clearance, 1.0 / padded.time[1])[picked],
         cone=options.cone(robot),
         torque_share=options.torque_share,
         slack=(1.0 - options.strength) * outside(cones, kinematic.wrench).max(axis=1),
@@ -153,10 +155,12 @@ def problem(
     share = np.full((len(time), 23), options.speed_share)
     unlimited = np.full((len(time), 23), np.inf)
     apart = np.full((len(time), len(looked_at.capsules.pairs)), options.self_distance)
+    basis = rest_at_both_ends(free)
+    low, high = (np.tile(bound, (basis.points, 1)) for bound in limits(robot, options))
     made = Problem(
         robot=robot,
         frames=looked_at,
-        basis=rest_at_both_ends(free),
+        basis=basis,
         target=target,
         target_acceleration=surge,
         target_points=points,
@@ -168,6 +172,7 @@ def problem(
             # From the first split of the wrench on they have bounds.
             "torque": Rows(-unlimited, unlimited),
             "gaps": Rows(apart, np.full_like(apart, np.inf)),
+            "limits": Rows(low + _INSET, high - _INSET),
         },
         cones=cones,
         split=Split(np.zeros((len(time), 2, 6, 6)), np.zeros((len(time), 2, 6))),

@@ -1,4 +1,4 @@
-"""Gauss–Newton with penalty continuation, then multipliers, for dynamic plans."""
+"""Levenberg–Marquardt with penalty continuation, then multipliers, for dynamic plans."""
 
 from __future__ import annotations
 
@@ -7,29 +7,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import Array, BoolArray
-from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.plan_contacts import ConeOptions, anchors, wrench_cones
 from robomirror_drake.optimization.plan_penalty import Penalty, Rows
 from robomirror_drake.optimization.plan_problem import GROUPS, Evaluation, Problem
+from robomirror_drake.optimization.plan_step import StepModel
 from robomirror_drake.optimization.plan_torque import split_of
 
-_CONTINUATION = (0.1, 0.1, 0.1, 0.3, 1.0, 3.0, 10.0, 20.0)
-_SPLITS = (4, 7)  # levels at whose start the feet share the wrench anew
-_STEPS = (1.0, 0.5, 0.25, 0.1, 0.03)
+_CONTINUATION = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+_SPLITS = (2, 5)  # levels at whose start the feet share the wrench anew
 _PENALTY = {
     "wrench": Penalty(30.0, 2e-3),
     "corners": Penalty(1000.0, 1e-3),
     "speed": Penalty(1.0, 2e-3),
     "torque": Penalty(10.0, 2e-3),
     "gaps": Penalty(300.0, 1e-4),
+    "limits": Penalty(300.0, 1e-4),
 }
 _MULTIPLIER_LIMIT = 50.0
-_LEAST_DAMPING = 1e-4
-_DECREASE = 2e-2  # expected decrease of the cost at which iterations may end,
-_SETTLED = 0.1  # and at which multipliers are updated
-_BOUND_WEIGHT = 1e9  # holds a control point at its limit while the others move
+_UPDATES = 1  # of the multipliers, at most
+_SETTLED = 0.02  # share of the cost: a smaller expected decrease ends a round of steps
+_DAMPING = 1e-3  # to begin with,
+_LEAST_DAMPING = 1e-5
+_MOST_DAMPING = 1e3
+_AGREEMENT = 0.25  # of the decrease with the expected one, above which penalties may rise
 
 
 class Standing(NamedTuple):
@@ -52,11 +53,12 @@ class Standing(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """A plan's control points, its last evaluation and the problem with its last anchors."""
+    """A plan's control points, its evaluation, the problem with its last anchors, iterations."""
 
     control: Array
     evaluation: Evaluation
     problem: Problem
+    iterations: int
 
 
 def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
@@ -95,7 +97,7 @@ def solve(
     iterations: int,
     tolerance: float,
 ) -> Solution:
-    """Solves a plan from a first guess.
+    """Solves a plan from a first guess by the method of Levenberg and Marquardt.
 
     Until the penalties have reached their full weight, the anchors follow the feet.
 
@@ -104,43 +106,50 @@ def solve(
         standing: The contacts.
         control: (K, 30) first guess.
         limits: (30,), (30,) bounds of the control points, and so of the trajectory.
-        iterations: Most Gauss–Newton steps.
-        tolerance: Constraint violation at which a small step ends the iterations.
+        iterations: Most linearizations.
+        tolerance: Constraint violation at which the iterations end.
 
     Raises:
         PlanningError: The Gauss–Newton matrix could not be factorized.
     """
     control = np.clip(control, *limits)
+    problem = anchored(problem, standing, problem.target_points)
     multipliers = {name: np.zeros_like(problem.rows[name].lower) for name in GROUPS}
-    points = problem.target_points
-    damping, level, last = 0.0, 0, len(_CONTINUATION) - 1
-    for _ in range(iterations):
-        if level < last:
-            problem = anchored(problem, standing, points)
+    level, last, updates = 0, len(_CONTINUATION) - 1, 0
+    damping, growth = _DAMPING, 2.0
+    at = problem.linearize(control)
+    taken = 0
+    while taken < iterations and damping < _MOST_DAMPING:
+        taken += 1
         penalty = {
             name: Penalty(_CONTINUATION[level] * stiffness, barrier)
             for name, (stiffness, barrier) in _PENALTY.items()
         }
-        now = problem.evaluate(control, penalty, multipliers, derivatives=True)
-        step, expected = _newton_step(now, control, limits, damping)
-        for length in _STEPS:
-            trial = np.clip(control + length * step, *limits)
-            reached = problem.evaluate(trial, penalty, multipliers, derivatives=False)
-            if reached.cost < now.cost:
-                control, points = trial, reached.points
-                break
-        else:
-            length, reached = 0.0, now
-        damping = _damping_after(damping, length)
-        if level < last:
-            level += length >= 0.5
-            if level in _SPLITS and length >= 0.5:
+        model = StepModel(problem, at, penalty, multipliers)
+        step, expected = model.minimise(damping)
+        reached = problem.evaluate(control + step)
+        cost = model.cost(at.at)
+        gain = (cost - model.cost(reached)) / max(expected, 1e-12)
+        if gain <= 0.0:
+            damping, growth = damping * growth, 2.0 * growth
+            continue
+        control = control + step
+        damping = max(_LEAST_DAMPING, damping * max(0.1, 1.0 - (2.0 * gain - 1.0) ** 3))
+        growth = 2.0
+        if level < last and gain > _AGREEMENT:
+            level += 1
+            problem = anchored(problem, standing, reached.points)
+            if level in _SPLITS:
                 problem = shared(problem, standing, reached)
-        elif expected < _DECREASE and violation(problem, reached.values) < tolerance:
-            break
-        elif expected < _SETTLED:
+        elif level == last and expected < _SETTLED * cost:
+            if updates == _UPDATES or violation(problem, reached.values) < tolerance:
+                break
             multipliers = _updated(problem, reached.values, multipliers, penalty)
-    return Solution(control, reached, problem)
+            problem = shared(problem, standing, reached)
+            updates += 1
+        at = problem.linearize(control)
+    control = np.clip(control, *limits)
+    return Solution(control, problem.evaluate(control), problem, taken)
 
 
 def violation(problem: Problem, values: dict[str, Array]) -> float:
@@ -148,31 +157,6 @@ def violation(problem: Problem, values: dict[str, Array]) -> float:
     return max(
         float(np.max(np.abs(y - np.clip(y, *problem.rows[name])))) for name, y in values.items()
     )
-
-
-def _damping_after(damping: float, length: float) -> float:
-    """More damping where only short steps were good, less where the full one was."""
-    if length <= 0.1:
-        return 10.0 * max(damping, _LEAST_DAMPING)
-    return damping / 10.0 if length == 1.0 and damping > _LEAST_DAMPING else damping
-
-
-def _newton_step(
-    at: Evaluation, control: Array, limits: tuple[Array, Array], damping: float
-) -> tuple[Array, float]:
-    """The step (K, 30) and the decrease of the cost that the quadratic model expects of it."""
-    if at.band is None or at.gradient is None:
-        raise ValueError("the evaluation carries no derivatives")
-    band, gradient = at.band.copy(), at.gradient.copy()
-    held = ((control <= limits[0]) & (gradient > 0.0)) | ((control >= limits[1]) & (gradient < 0.0))
-    band[:, 0] *= 1.0 + damping
-    band[:, 0] += 1e-6 + _BOUND_WEIGHT * held.ravel()
-    gradient[held] = 0.0
-    try:
-        step = -spline.substitute(spline.factorize(band), gradient.ravel())
-    except np.linalg.LinAlgError as error:
-        raise PlanningError(f"no plan: {error}", {"cost": at.cost}) from error
-    return step.reshape(control.shape), -0.5 * float(gradient.ravel() @ step)
 
 
 def _updated(

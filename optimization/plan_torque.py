@@ -18,7 +18,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization import centroidal
@@ -70,7 +69,7 @@ def split_of(wrench: Array, standing: Array, loaded: BoolArray, cone: ConeOption
 
 
 def joint_torques(
-    robot: Robot, samples: centroidal.WrenchSamples, split: Split, carries: BoolArray
+    robot: Robot, samples: centroidal.Samples, split: Split, carries: BoolArray
 ) -> tuple[Array, Array | None]:
     """Torques (T, 23) [N·m] and, where the samples have them, derivatives (3, T, 23, 30).
 
@@ -80,36 +79,32 @@ def joint_torques(
         split: How the feet share the wrench.
         carries: (2, 29) which velocities move each foot.
     """
-    model, at = robot.model, samples.at
     damping = np.array([joint.damping for joint in robot.spec.joints.values()])
-    data = model.createData()
-    T, nv = at.v.shape
-    torque, motion = np.empty((T, nv - 6)), np.empty((T, 6, nv))
-    by_q, by_v, by_a = (np.empty((T, nv - 6, nv)) for _ in range(3))
-    # The loop does nothing but call Pinocchio and copy what it returns.
-    for t in range(T):
-        if samples.jacobians is None:
-            torque[t] = pin.rnea(model, data, at.q[t], at.v[t], at.a[t])[6:]
-            motion[t] = pin.computeJointJacobians(model, data, at.q[t])
-        else:
-            pin.computeRNEADerivatives(model, data, at.q[t], at.v[t], at.a[t])
-            torque[t], motion[t] = data.tau[6:], data.J
-            by_q[t], by_v[t], by_a[t] = data.dtau_dq[6:], data.dtau_dv[6:], data.M[6:]
+    at, legs = samples.at, np.flatnonzero(carries[:, 6:].any(axis=0))
     feet = np.einsum("tfij,tj->tfi", split.gain, samples.wrench) + split.offset
     feet = np.roll(feet, 3, axis=-1)
-    carried = carries[:, 6:, None] * np.swapaxes(motion, -1, -2)[:, None, 6:]
-    torque += damping * at.v[:, 6:] - np.einsum("tfji,tfi->tj", carried, feet)
-    if samples.jacobians is None:
+    turning = np.swapaxes(samples.motion[:, :, 6:], -1, -2)[:, None, legs]
+    carried = carries[:, 6 + legs, None] * turning
+    torque = samples.torque + damping * at.v[:, 6:]
+    torque[:, legs] -= np.einsum("tfji,tfi->tj", carried, feet)
+    if samples.torque_jacobians is None or samples.wrench_jacobians is None:
         return torque, None
     linear, angular = carried[..., :3], carried[..., 3:]
     force, moment = feet[:, :, None, :3], feet[:, :, None, 3:]
     turned = np.concatenate(
         [np.cross(angular, force), np.cross(angular, moment) + np.cross(linear, force)], axis=-1
     )
-    below = np.tri(nv - 6, nv, 5)
-    by_q -= below * np.einsum("tfji,fk,tik->tjk", turned, carries, motion, optimize=True)
-    by_v += np.eye(nv)[6:] * damping[:, None]
-    by_x = centroidal.chart_jacobians(by_q, by_v, by_a, at)
+    jacobians = samples.torque_jacobians.copy()
+    # What moves the foot and comes after the joint itself turns the joint's axis, or the base.
+    by_q = np.zeros((len(torque), len(legs), 29))
+    for foot in range(2):
+        by_q -= carries[foot] * (turned[:, foot] @ samples.motion)
+    by_q *= np.arange(29) < (6 + legs)[:, None]
+    jacobians[0, :, legs] += np.moveaxis(
+        np.concatenate([by_q[:, :, :6] @ at.dq, by_q[:, :, 6:]], axis=2), 1, 0
+    )
+    jacobians[1, :, :, 7:] += np.diag(damping)
     gain = np.roll(split.gain, 3, axis=-2)
     through = np.einsum("tfji,tfik->tjk", carried, gain)
-    return torque, by_x - through @ samples.jacobians
+    jacobians[:, :, legs] -= through @ samples.wrench_jacobians
+    return torque, jacobians

@@ -49,7 +49,7 @@ def test_velocities_are_the_derivatives_of_the_configuration(trajectory) -> None
 
 def test_wrench_is_the_base_wrench_of_inverse_dynamics(trajectory) -> None:
     x, xd, xdd = trajectory
-    wrench = centroidal.sample(ROBOT.model, [], x, xd, xdd, derivatives=False).wrench
+    wrench = centroidal.sample(ROBOT, [], x, xd, xdd, derivatives=False).wrench
     at = centroidal.tangent(x, xd, xdd)
     data = ROBOT.model.createData()
     for t in range(len(x)):
@@ -62,7 +62,7 @@ def test_wrench_is_the_base_wrench_of_inverse_dynamics(trajectory) -> None:
 def test_angular_momentum_rate_by_finite_differences(trajectory) -> None:
     x, xd, xdd = trajectory
     h, data = 1e-5, ROBOT.model.createData()
-    samples = centroidal.sample(ROBOT.model, [], x, xd, xdd, derivatives=False)
+    samples = centroidal.sample(ROBOT, [], x, xd, xdd, derivatives=False)
     for t in range(len(x)):
         momenta = []
         for step in (-h, h):
@@ -79,8 +79,8 @@ def test_angular_momentum_rate_by_finite_differences(trajectory) -> None:
 
 
 def test_wrench_jacobians_by_finite_differences(trajectory) -> None:
-    samples = centroidal.sample(ROBOT.model, [], *trajectory, derivatives=True)
-    assert samples.jacobians is not None
+    samples = centroidal.sample(ROBOT, [], *trajectory, derivatives=True)
+    assert samples.wrench_jacobians is not None
     h = 1e-6
     for order in range(3):
         for column in range(30):
@@ -88,16 +88,16 @@ def test_wrench_jacobians_by_finite_differences(trajectory) -> None:
             for sign in (-1.0, 1.0):
                 moved = [part.copy() for part in trajectory]
                 moved[order][:, column] += sign * h
-                sides.append(centroidal.sample(ROBOT.model, [], *moved, derivatives=False).wrench)
+                sides.append(centroidal.sample(ROBOT, [], *moved, derivatives=False).wrench)
             numeric = (sides[1] - sides[0]) / (2 * h)
-            exact = samples.jacobians[order, :, :, column]
+            exact = samples.wrench_jacobians[order, :, :, column]
             np.testing.assert_allclose(exact, numeric, atol=2e-5 * (1 + np.abs(numeric).max()))
 
 
 def test_point_and_rotation_jacobians_by_finite_differences(trajectory) -> None:
     frames = [*ROBOT.foot_frames, ROBOT.frame_id("L_ELBOW_P_S")]
     local = np.array([0.1, -0.05, -0.2])
-    samples = centroidal.sample(ROBOT.model, frames, *trajectory, derivatives=True)
+    samples = centroidal.sample(ROBOT, frames, *trajectory, derivatives=True)
     support = centroidal.frame_support(ROBOT.model, frames)
 
     def points(links: np.ndarray) -> np.ndarray:
@@ -112,7 +112,7 @@ def test_point_and_rotation_jacobians_by_finite_differences(trajectory) -> None:
             x = trajectory[0].copy()
             x[:, column] += sign * h
             sides.append(
-                centroidal.sample(ROBOT.model, frames, x, *trajectory[1:], derivatives=False).links
+                centroidal.sample(ROBOT, frames, x, *trajectory[1:], derivatives=False).links
             )
         np.testing.assert_allclose(
             (points(sides[1]) - points(sides[0])) / (2 * h), J[..., column], atol=1e-7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,7 +22,7 @@ from robomirror_drake.optimization.plan_contacts import (
 )
 from robomirror_drake.optimization.plan_forces import share_wrench
 from robomirror_drake.optimization.plan_penalty import Penalty, Rows, bound_terms
-from robomirror_drake.optimization.plan_problem import rest_at_both_ends
+from robomirror_drake.optimization.plan_problem import GROUPS, Problem, rest_at_both_ends
 from robomirror_drake.optimization.plan_schedule import (
     loaded_corners,
     runs,
@@ -30,6 +31,7 @@ from robomirror_drake.optimization.plan_schedule import (
 )
 from robomirror_drake.optimization.plan_setup import first_guess, pad, problem
 from robomirror_drake.optimization.plan_solver import anchored, shared
+from robomirror_drake.optimization.plan_step import StepModel
 from robomirror_drake.robot import load_robot
 from robomirror_drake.systems.dynamic_planner import DynamicPlanner
 
@@ -57,7 +59,7 @@ def posed(time: np.ndarray, angles: dict[str, np.ndarray], height=0.0) -> np.nda
 def corners_of(q: np.ndarray) -> np.ndarray:
     """(T, 2, 4, 3) sole corners in world."""
     links = centroidal.sample(
-        ROBOT.model, list(ROBOT.foot_frames), q, 0 * q, 0 * q, derivatives=False
+        ROBOT, list(ROBOT.foot_frames), q, 0 * q, 0 * q, derivatives=False
     ).links
     turned = np.einsum("tfij,fcj->tfci", links[..., :3, :3], ROBOT.sole_corners)
     return turned + links[:, :, None, :3, 3]
@@ -128,7 +130,7 @@ def wrench_between(plan: RobotReference, rate: float) -> tuple[np.ndarray, np.nd
     time = np.arange(0.0, duration, 1 / rate)
     at = spline.basis(time, spacing, count + 3)
     x, xd, xdd = (spline.evaluate(at, fitted, order) for order in range(3))
-    samples = centroidal.sample(ROBOT.model, [], x, xd, xdd, derivatives=False)
+    samples = centroidal.sample(ROBOT, [], x, xd, xdd, derivatives=False)
     return time, samples.wrench, x
 
 
@@ -169,7 +171,7 @@ def test_feet_stay_within_2_mm_in_stance(make) -> None:
 
 def test_weight_is_shifted_before_a_foot_is_lifted() -> None:
     raw, plan = lifted_foot(), planned(lifted_foot)
-    away = centroidal.sample(ROBOT.model, [], raw.q, 0 * raw.q, 0 * raw.q, derivatives=False)
+    away = centroidal.sample(ROBOT, [], raw.q, 0 * raw.q, 0 * raw.q, derivatives=False)
     assert -away.wrench[60, 1] / away.wrench[60, 5] < 1.0  # the reference is a pose, not flight
     load = plan.foot_force[:, :, 5]
     air = ~plan.contact[:, 0].any(axis=1)
@@ -244,33 +246,73 @@ def test_unusable_references_are_refused_with_figures() -> None:
     assert raised.value.figures["duration"] == pytest.approx(4 / RATE)
 
 
-def test_gradient_of_the_problem_by_finite_differences() -> None:
-    options = PlanOptions()
-    padded = pad(ROBOT, lifted_foot(), options)
-    made, standing = problem(ROBOT, padded, 0.1, 20, options)
+@lru_cache
+def posed_problem() -> tuple[Problem, np.ndarray]:
+    """A problem with all its rows, and control points off its solution."""
+    padded = pad(ROBOT, lifted_foot(), PlanOptions())
+    made, standing = problem(ROBOT, padded, 0.1, 20, PlanOptions())
     made = anchored(made, standing, made.target_points)
-    none = {name: np.zeros_like(rows.lower) for name, rows in made.rows.items()}
-    same = {name: Penalty(1.0, 1e-3) for name in made.rows}
-    start = made.evaluate(first_guess(padded, 0.1, 20), same, none, derivatives=False)
-    made = shared(made, standing, start)
-    rng = np.random.default_rng(5)
+    made = shared(made, standing, made.evaluate(first_guess(padded, 0.1, 20)))
     control = first_guess(padded, 0.1, 20)
-    control = control + 0.02 * rng.normal(size=control.shape)
+    return made, control + 0.02 * np.random.default_rng(5).normal(size=control.shape)
+
+
+def model_of(made: Problem, control: np.ndarray) -> StepModel:
     penalty = {"wrench": Penalty(30.0, 2e-3), "corners": Penalty(1e3, 1e-3)}
     penalty |= {"speed": Penalty(1.0, 2e-3), "gaps": Penalty(300.0, 1e-4)}
-    penalty["torque"] = Penalty(10.0, 2e-3)
+    penalty |= {"torque": Penalty(10.0, 2e-3), "limits": Penalty(300.0, 1e-4)}
+    rng = np.random.default_rng(7)
     multipliers = {name: rng.normal(size=rows.lower.shape) for name, rows in made.rows.items()}
-    at = made.evaluate(control, penalty, multipliers, derivatives=True)
-    assert at.gradient is not None
+    return StepModel(made, made.linearize(control), penalty, multipliers)
+
+
+def test_all_rows_by_finite_differences() -> None:
+    made, control = posed_problem()
+    model, h = model_of(made, control), 1e-6
+    way = np.random.default_rng(6).normal(size=control.shape)
+    low, high = (made.evaluate(control + s * h * way).values for s in (-1.0, 1.0))
+    change = model.change(way)
+    assert set(change) == set(GROUPS)
+    for name, exact in change.items():
+        numeric = (high[name] - low[name]) / (2 * h)
+        np.testing.assert_allclose(exact, numeric, atol=2e-5 * (1.0 + np.abs(numeric).max()))
+
+
+def test_gradient_of_the_problem_by_finite_differences() -> None:
+    made, control = posed_problem()
+    model, h = model_of(made, control), 1e-6
+    gradient = model.at.gradient + model.derivatives(model.terms(model.at.at.values))[1]
+    rng = np.random.default_rng(8)
     for _ in range(3):
         way = rng.normal(size=control.shape)
-        h = 1e-6
-        costs = [
-            made.evaluate(control + s * h * way, penalty, multipliers, derivatives=False).cost
-            for s in (-1.0, 1.0)
-        ]
-        slope = float(np.sum(at.gradient * way))
+        costs = [model.cost(made.evaluate(control + s * h * way)) for s in (-1.0, 1.0)]
+        slope = float(np.sum(gradient * way))
         assert (costs[1] - costs[0]) / (2 * h) == pytest.approx(slope, rel=2e-3)
+
+
+def test_a_step_minimises_its_model() -> None:
+    """Nothing near the step costs less in the model, and the fixed points stay."""
+    made, control = posed_problem()
+    model = replace(model_of(made, control), fixed=3)
+    step, decrease = model.minimise(1e-3)
+    assert decrease > 0.0
+    np.testing.assert_array_equal(step[:3], 0.0)
+    inertia = model.derivatives(model.terms(model.at.at.values))[0][:, 0] + model.at.band[:, 0]
+
+    def cost(d: np.ndarray) -> float:
+        change = model.change(d)
+        values = {name: y + change[name] for name, y in model.at.at.values.items()}
+        flat = d.ravel()
+        bent = spline.multiply(model.at.band, flat) + 1e-3 * inertia * flat
+        total = sum(term.cost for term in model.terms(values).values())
+        return float(total + flat @ (model.at.gradient.ravel() + 0.5 * bent))
+
+    rng = np.random.default_rng(9)
+    best = cost(step)
+    for size in (1e-1, 1e-2):
+        way = size * rng.normal(size=step.shape) * np.abs(step).max()
+        way[:3] = 0.0
+        assert cost(step + way) > best - 0.05 * decrease
 
 
 def test_bound_terms_by_finite_differences() -> None:

@@ -20,8 +20,8 @@ def configurations() -> np.ndarray:
     return x
 
 
-def sampled(x: np.ndarray, derivatives: bool) -> centroidal.WrenchSamples:
-    return centroidal.sample(ROBOT.model, FRAMES.links, x, 0 * x, 0 * x, derivatives=derivatives)
+def sampled(x: np.ndarray, derivatives: bool) -> centroidal.Samples:
+    return centroidal.sample(ROBOT, FRAMES.links, x, 0 * x, 0 * x, derivatives=derivatives)
 
 
 def test_distances_are_those_of_the_retargeting_capsules() -> None:

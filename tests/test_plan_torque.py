@@ -37,7 +37,7 @@ def test_torque_jacobians_by_finite_differences() -> None:
     trajectory, split, h = random_trajectory(), random_split(), 1e-6
 
     def torques(at: list[np.ndarray], derivatives: bool):
-        samples = centroidal.sample(ROBOT.model, [], *at, derivatives=derivatives)
+        samples = centroidal.sample(ROBOT, [], *at, derivatives=derivatives)
         return joint_torques(ROBOT, samples, split, CARRIES)
 
     torque, exact = torques(trajectory, True)
@@ -57,7 +57,7 @@ def test_torque_jacobians_by_finite_differences() -> None:
 
 def test_torques_are_those_of_inverse_dynamics_with_external_forces() -> None:
     trajectory, split = random_trajectory(), random_split()
-    samples = centroidal.sample(ROBOT.model, [], *trajectory, derivatives=False)
+    samples = centroidal.sample(ROBOT, [], *trajectory, derivatives=False)
     torque, _ = joint_torques(ROBOT, samples, split, CARRIES)
     at, data = samples.at, ROBOT.model.createData()
     for t in range(4):
@@ -77,9 +77,7 @@ def test_torques_are_those_of_inverse_dynamics_with_external_forces() -> None:
 
 def test_split_sums_up_and_loads_only_feet_on_the_ground() -> None:
     q = np.repeat(ROBOT.standing[None], 20, axis=0)
-    pose = centroidal.sample(
-        ROBOT.model, list(ROBOT.foot_frames), q, 0 * q, 0 * q, derivatives=False
-    )
+    pose = centroidal.sample(ROBOT, list(ROBOT.foot_frames), q, 0 * q, 0 * q, derivatives=False)
     turned = np.einsum("tfij,fcj->tfci", pose.links[..., :3, :3], ROBOT.sole_corners)
     standing = turned + pose.links[:, :, None, :3, 3]
     loaded = np.ones((20, 2, 4), dtype=bool)
@@ -106,7 +104,7 @@ def torques_at(plan: RobotReference, rate: float) -> np.ndarray:
     time = np.arange(0.0, plan.duration, 1 / rate)
     basis = spline.basis(time, spacing, count + 3)
     x, xd, xdd = (spline.evaluate(basis, fitted, order) for order in range(3))
-    samples = centroidal.sample(ROBOT.model, list(ROBOT.foot_frames), x, xd, xdd, derivatives=False)
+    samples = centroidal.sample(ROBOT, list(ROBOT.foot_frames), x, xd, xdd, derivatives=False)
     centers = ROBOT.sole_corners.mean(axis=1)
     centers = np.einsum("tfij,fj->tfi", samples.links[..., :3, :3], centers)
     centers += samples.links[..., :3, 3]
