@@ -18,7 +18,7 @@ class _Options(BaseModel):
 class StageOptions(_Options):
     """How one network is trained."""
 
-    steps: int = Field(2000, ge=1, description="updates")
+    steps: int = Field(2000, ge=0, description="updates")
     batch: int = Field(64, ge=2, description="motions in an update")
     learning_rate: float = Field(5e-4, gt=0.0, le=0.1, description="at its peak; AdamW")
 
@@ -76,6 +76,9 @@ class TrainOptions(_Options):
     device: Literal["cpu", "cuda"] = Field("cpu", description="where to train")
     text_encoder: str = Field(
         PACKAGED, description="sentence encoder: packaged, or a sentence-transformers model"
+    )
+    start_from: Path | None = Field(
+        None, description="checkpoint.safetensors of a like training, to begin with its weights"
     )
     checkpoint_every: int = Field(500, ge=1, description="updates between checkpoints")
     vae: VaeOptions = VaeOptions()

@@ -66,7 +66,9 @@ class Training:
         self.latent_scale = torch.ones(2, options.vae.latent, device=self.device)  # mean, deviation
         self.stage, self.step = 0, 0
         self.header = {
-            "options": options.model_dump(mode="json", exclude={"data", "out", "device"}),
+            "options": options.model_dump(
+                mode="json", exclude={"data", "out", "device", "start_from"}
+            ),
             "data_fingerprint": fingerprint(self.motions),
             "motions": len(self.motions),
             "text_size": size,
@@ -75,6 +77,10 @@ class Training:
         options.out.mkdir(parents=True, exist_ok=True)
         if self._path.exists():
             self._resume()
+        elif options.start_from is not None:
+            tensors, header = checkpoint.load(options.start_from)
+            checkpoint.restore("networks", self.networks, tensors)
+            self.header["started_from"] = header.get("data_fingerprint", "")
 
     @property
     def _path(self) -> Path:
@@ -89,6 +95,8 @@ class Training:
 
     def _resume(self) -> None:
         tensors, header = checkpoint.load(self._path)
+        if "started_from" in header:
+            self.header["started_from"] = header["started_from"]
         for key, value in self.header.items():
             if header.get(key) != value:
                 raise ConfigError(
