@@ -81,6 +81,7 @@ def planned_reference(
         residuals=residuals,
         foot_force=share_wrench(samples.wrench, placed, padded.contact, cone),
         planned=True,
+        lead=float(padded.time[padded.kept.start]),
     )
 
 

@@ -89,6 +89,15 @@ class SensorNoise(_Options):
     angular_velocity: NonNegative = Field(0.0, description="of the base, each axis [rad/s]")
 
 
+class StartErrors(_Options):
+    """Standard deviations of how the robot's first state differs from the reference's."""
+
+    joint_position: NonNegative = Field(0.0, description="[rad]")
+    joint_velocity: NonNegative = Field(0.0, description="[rad/s]")
+    linear_velocity: NonNegative = Field(0.0, description="of the base, along x and y [m/s]")
+    angular_velocity: NonNegative = Field(0.0, description="of the base, each axis [rad/s]")
+
+
 class ActuatorErrors(_Options):
     """What lies between a command and the joints."""
 
@@ -109,5 +118,6 @@ class DisturbanceOptions(_Options):
     center_of_mass: float = Field(
         0.0, ge=0.0, le=0.1, description="largest shift of a link's, along each axis [m]"
     )
+    start: StartErrors = StartErrors()
     sensors: SensorNoise = SensorNoise()
     actuators: ActuatorErrors = ActuatorErrors()

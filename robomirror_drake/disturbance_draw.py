@@ -14,7 +14,13 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robomirror_drake.disturbance import DisturbanceOptions, Push, RandomPushes, SensorNoise
+from robomirror_drake.disturbance import (
+    DisturbanceOptions,
+    Push,
+    RandomPushes,
+    SensorNoise,
+    StartErrors,
+)
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.floating_base import product
 
@@ -27,6 +33,7 @@ Stream = Literal[
     "strength",
     "sensors",
     "random_pushes",
+    "start",
 ]
 
 
@@ -40,6 +47,7 @@ class Drawn(NamedTuple):
         latency: Of the actuators [s].
         lag: Time constant of the actuators [s].
         strength: Factor of the torque limits.
+        start: (2 n + 13,) what is added to the state of n joints that the robot starts in.
     """
 
     friction: float | None
@@ -48,6 +56,7 @@ class Drawn(NamedTuple):
     latency: float
     lag: float
     strength: float
+    start: Array
 
 
 def stream_rng(seed: int, stream: Stream, count: int = 0) -> np.random.Generator:
@@ -69,6 +78,25 @@ def draw(options: DisturbanceOptions, seed: int, links: int) -> Drawn:
         latency=one("latency", actuators.latency),
         lag=one("lag", actuators.lag),
         strength=one("strength", actuators.strength),
+        start=start_error(options.start, seed, links - 1),
+    )
+
+
+def start_error(errors: StartErrors, seed: int, joints: int) -> Array:
+    """(2 joints + 13,) what is added to the first state, Drake order; the base stays in place."""
+    angle, rate, spin, shift = np.split(
+        stream_rng(seed, "start").standard_normal(2 * joints + 5),
+        np.cumsum([joints, joints, 3]),
+    )
+    return np.concatenate(
+        [
+            np.zeros(7),
+            errors.joint_position * angle,
+            errors.angular_velocity * spin,
+            errors.linear_velocity * shift,
+            [0.0],
+            errors.joint_velocity * rate,
+        ]
     )
 
 

@@ -139,6 +139,8 @@ class RobotReference(_Message):
         foot_force: (T, 2, 6) planned wrench on each foot about its sole centre, in
             world axes, [moment N·m, force N]; zero where nothing was planned.
         planned: Whether a dynamic plan was made, so that ``foot_force`` means something.
+        lead: When the motion begins that the plan was made from [s]; time before that was
+            added, to come from rest.
     """
 
     time: Array
@@ -151,6 +153,7 @@ class RobotReference(_Message):
     residuals: Mapping[str, float] = field(default_factory=dict)
     foot_force: Array | None = None
     planned: bool = False
+    lead: float = 0.0
 
     def __post_init__(self) -> None:
         self._freeze("time", (None,))
@@ -259,6 +262,8 @@ class Outcome:
         friction_margin: Least µ − |f_t|/f_n over loaded feet.
         energy_j: Mechanical work of the joints, positive part [J].
         duration_s: Length of the execution [s].
+        cause: Why it fell, see :mod:`robomirror_drake.fall_cause`; None if it did not.
+        cause_evidence: One sentence with the figures that say so.
     """
 
     fell: bool
@@ -273,3 +278,5 @@ class Outcome:
     friction_margin: float
     energy_j: float
     duration_s: float
+    cause: str | None = None
+    cause_evidence: str | None = None

@@ -39,7 +39,8 @@ def rollout(
 
     Args:
         robot: The robot.
-        reference: What it shall do; it starts in the reference's first state.
+        reference: What it shall do; it starts in the reference's first state, but for the
+            disturbance of the start.
         options: Options of the physics.
         seed: Of all disturbances that are drawn; carried into the result.
         progress: Called after each tenth of a second.
@@ -67,13 +68,13 @@ def rollout(
 def set_initial_state(
     systems: ExecutionSystems, context: Context, reference: RobotReference
 ) -> None:
-    """Puts the plant into the reference's first state, with no torque."""
+    """Puts the plant into the reference's first state, with its error and no torque."""
     plant = systems.plant
     own = plant.GetMyMutableContextFromRoot(context)
-    plant.SetPositions(own, systems.instance, reference.q[0])
-    plant.SetVelocities(own, systems.instance, reference.v[0])
+    state = np.append(reference.q[0], reference.v[0]) + systems.start
+    plant.SetPositionsAndVelocities(own, systems.instance, state)
     if systems.actuation is not None:
-        systems.actuation.start(context, np.append(reference.q[0], reference.v[0]))
+        systems.actuation.start(context, state)
 
 
 def simulate(

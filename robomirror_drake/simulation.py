@@ -15,6 +15,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from robomirror_drake.disturbance import DisturbanceOptions, SensorNoise
 from robomirror_drake.disturbance_draw import Drawn, draw
+from robomirror_drake.messages import Array
 from robomirror_drake.plant import add_plant
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.actuation import Actuation
@@ -52,6 +53,7 @@ class ExecutionSystems:
     Attributes:
         actuation: None where the controller's torques go straight to the joints.
         friction: Between soles and ground.
+        start: (59,) by how much the robot's first state differs from the reference's.
     """
 
     plant: MultibodyPlant
@@ -62,6 +64,7 @@ class ExecutionSystems:
     log: VectorLogSink
     actuation: Actuation | None
     friction: float
+    start: Array
 
     @property
     def reference_port(self) -> InputPort:
@@ -144,7 +147,7 @@ def build_execution(
         builder.Connect(ground.GetOutputPort(port), recorder.GetInputPort(port))
     log = LogVectorOutput(recorder.GetOutputPort("sample"), builder, publish_period=PERIOD)
     log.set_name("execution_log")
-    return ExecutionSystems(*physics, controller, recorder, log, actuation, friction)
+    return ExecutionSystems(*physics, controller, recorder, log, actuation, friction, drawn.start)
 
 
 def _measured(

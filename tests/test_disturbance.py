@@ -8,8 +8,19 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from robomirror_drake.config import Scenario, load_scenario
-from robomirror_drake.disturbance import DisturbanceOptions, RandomPushes, SensorNoise
-from robomirror_drake.disturbance_draw import draw, measured, random_push, stream_rng
+from robomirror_drake.disturbance import (
+    DisturbanceOptions,
+    RandomPushes,
+    SensorNoise,
+    StartErrors,
+)
+from robomirror_drake.disturbance_draw import (
+    draw,
+    measured,
+    random_push,
+    start_error,
+    stream_rng,
+)
 from robomirror_drake.yaml_file import to_yaml
 
 
@@ -18,6 +29,7 @@ def test_nothing_is_disturbed_by_default():
     assert drawn.friction is None
     assert (drawn.mass, drawn.latency, drawn.lag, drawn.strength) == (1.0, 0.0, 0.0, 1.0)
     assert not drawn.center_of_mass.any()
+    assert not drawn.start.any()
 
 
 def test_draws_lie_in_their_ranges_and_depend_on_nothing_but_the_seed():
@@ -87,6 +99,24 @@ def test_random_pushes_lie_within_their_intervals():
     assert np.linalg.norm(mean) < 0.08
     assert random_push(options, 1, 7) == pushes[7]
     assert random_push(options, 2, 7) != pushes[7]
+
+
+def test_the_start_is_off_by_its_standard_deviations_and_in_place():
+    errors = StartErrors(
+        joint_position=0.01, joint_velocity=0.1, linear_velocity=0.2, angular_velocity=0.3
+    )
+    off = np.array([start_error(errors, seed, 23) for seed in range(400)])
+    assert off.shape == (400, 59)
+    for columns, deviation in (
+        (slice(7, 30), 0.01),
+        (slice(30, 33), 0.3),
+        (slice(33, 35), 0.2),
+        (slice(36, 59), 0.1),
+    ):
+        assert off[:, columns].std() == pytest.approx(deviation, rel=0.06)
+    assert not off[:, [0, 1, 2, 3, 4, 5, 6, 35]].any()
+    drawn = draw(DisturbanceOptions(start=errors), seed=9, links=24)
+    np.testing.assert_array_equal(drawn.start, off[9])
 
 
 def test_streams_are_not_each_other():

@@ -13,7 +13,8 @@ from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from robomirror_drake.config import load_scenario
-from robomirror_drake.disturbance import Push
+from robomirror_drake.disturbance import Push, StartErrors
+from robomirror_drake.disturbance_draw import start_error
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.outcome import evaluate
@@ -119,6 +120,15 @@ def test_zero_disturbance_is_no_disturbance_to_the_bit(robot: Robot, stand: Robo
     assert systems.actuation is None
     calm = SimulationOptions(hold=0.0)
     assert rollout(robot, stand, options(zero, hold=0.0), 3) == rollout(robot, stand, calm, 3)
+
+
+def test_an_execution_starts_off_by_what_was_drawn(robot: Robot, stand: RobotReference) -> None:
+    errors = {"joint_position": 0.01, "linear_velocity": 0.05}
+    done = rollout(robot, stand, options({"start": errors}, hold=0.0), 4)
+    off = np.append(done.q[0] - stand.q[0], done.v[0] - stand.v[0])
+    drawn = start_error(StartErrors(**errors), 4, len(robot.joint_names))
+    np.testing.assert_allclose(off, drawn, atol=1e-12)
+    assert drawn.any()
 
 
 @pytest.mark.parametrize(
