@@ -16,7 +16,7 @@ All errors are means over the samples up to and including the fall.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -138,7 +138,22 @@ def until_fall(execution: Execution) -> Execution:
     return Execution(**(values | arrays))
 
 
-def tracking_errors(execution: Execution) -> TrackingErrors:
+class Tracked(Protocol):
+    """What tracking is judged by: (N,) times [s], and N states of a robot and a reference."""
+
+    @property
+    def time(self) -> Array: ...
+    @property
+    def q(self) -> Array: ...
+    @property
+    def v(self) -> Array: ...
+    @property
+    def q_ref(self) -> Array: ...
+    @property
+    def v_ref(self) -> Array: ...
+
+
+def tracking_errors(execution: Tracked) -> TrackingErrors:
     """Errors between what the robot did and what it was told, sample by sample."""
     joint_q = execution.q[:, 7:] - execution.q_ref[:, 7:]
     joint_v = execution.v[:, 6:] - execution.v_ref[:, 6:]

@@ -1,0 +1,1 @@
+"""Commands executed at scale: prompts, executions on many cores, Parquet files, window labels."""
