@@ -17,10 +17,18 @@ from robomirror_drake.outcome import HEIGHT_DROP, LEAN, TOUCH_FORCE, lean_angle,
 from robomirror_drake.results import Result
 from robomirror_drake.robot import Robot
 
-CAUSES = {
+FALLS = {
     "contact": "a link other than the feet touched the ground",
     "height": f"the pelvis sank more than {HEIGHT_DROP:.2f} m below the reference",
     "tilt": f"the trunk leaned more than {np.rad2deg(LEAN):.0f}° away from the reference",
+}
+
+CAUSES = {
+    "reference_infeasible": "What went wrong first is the reference",
+    "torque_saturated": "What went wrong first is a joint without torque to spare",
+    "friction_lost": "What went wrong first is the grip of a foot",
+    "contact_mismatch": "What went wrong first is a contact that was not as planned",
+    "controller": "The controller lost the balance",
 }
 
 
@@ -65,6 +73,7 @@ def render_report(result: Result, robot: Robot) -> str:
     return environment.get_template("report.html").render(
         result=result,
         sentence=outcome_sentence(outcome, execution),
+        cause=cause_sentence(outcome),
         metrics=_metrics(result, robot),
         path=_div(figures.root_path(execution, outcome), "path"),
         root=_div(figures.root_errors(execution, outcome), "root"),
@@ -78,8 +87,8 @@ def render_report(result: Result, robot: Robot) -> str:
 def outcome_sentence(outcome: Outcome, execution: Execution) -> str:
     """How it went, in one sentence."""
     if outcome.fall_time_s is not None:
-        cause = CAUSES[outcome.fall_cause or ""]
-        return f"The robot fell after {outcome.fall_time_s:.2f} s: {cause}."
+        how = FALLS[outcome.fall_cause or ""]
+        return f"The robot fell after {outcome.fall_time_s:.2f} s: {how}."
     hold = outcome.duration_s - execution.motion_end
     if execution.motion_end > 0.0 and hold > 0.0:
         return (
@@ -87,6 +96,13 @@ def outcome_sentence(outcome: Outcome, execution: Execution) -> str:
             f"then stood for {hold:.1f} s, and did not fall."
         )
     return f"The robot carried out the motion ({outcome.duration_s:.1f} s) and did not fall."
+
+
+def cause_sentence(outcome: Outcome) -> str:
+    """Why it fell, in one sentence; empty where that is not known."""
+    if outcome.cause is None:
+        return ""
+    return f"{CAUSES[outcome.cause]}: {outcome.cause_evidence}."
 
 
 def _metrics(result: Result, robot: Robot) -> list[Metric]:

@@ -12,12 +12,12 @@ from pydrake.systems.analysis import Simulator
 
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import InputError
+from robomirror_drake.fall_cause import judge
 from robomirror_drake.messages import HumanMotion, RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.load import load_motion
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization.retarget import retarget
-from robomirror_drake.outcome import evaluate
 from robomirror_drake.pipeline import Source, build_pipeline, give_candidates, give_command
 from robomirror_drake.results import Result
 from robomirror_drake.robot import load_robot
@@ -84,7 +84,7 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
         chosen=[motion.source for motion in candidates].index(chosen.source),
         reference=plan,
         execution=done,
-        outcome=evaluate(done, robot.effort_limits, systems.friction),
+        outcome=judge(robot, done, plan, options.disturbance, systems.friction),
         robot=scenario.robot,
         seeds={"generator": scenario.seed, "disturbance": scenario.seed},
     )

@@ -39,6 +39,7 @@ def print_outcome(result: Result, folder: Path) -> None:
     outcome = result.outcome
     if outcome.fell:
         out.print(f"[red]The robot fell at {outcome.fall_time_s:.2f} s[/] ({outcome.fall_cause}).")
+        out.print(f"{outcome.cause}: {outcome.cause_evidence}", markup=False, highlight=False)
     else:
         out.print(f"[green]The robot stayed on its feet[/] for {outcome.duration_s:.1f} s.")
     out.print(
