@@ -9,11 +9,11 @@ from scipy.spatial import ConvexHull, QhullError
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.plan_schedule import runs
+from robomirror_drake.optimization.retarget_footholds import TURNS, heading, pivot
 
 ROWS = 16
 """Rows of one wrench cone: normal force, friction 4, yaw 2, hull edges up to 8, one spare."""
 
-_PIVOT = 0.5  # a foot that turns by more while it stands pivots [rad]
 _SEGMENT_WIDTH = 0.01  # an edge of a sole that bears alone counts as a strip this wide [m]
 _MARGIN_SHARE = 0.3  # a margin takes this share of the hull's width at most, on either side
 
@@ -44,9 +44,9 @@ def anchors(corners: Array, contact: BoolArray, sole: Array) -> Array:
     """(T, 2, 4, 3) where the corners of each foot stand, flat on z = 0, over each contact phase.
 
     The pose of a phase is the mean over its frames with the whole sole down, or over all of
-    them if there is none; the heading is that of the sole's lateral axis. Of a foot that pivots
-    it is the mean over the quarter next to its touchdown, or in the first phase to its lift-off,
-    so that it need not turn in a swing. Outside contact the corners are given back as they are.
+    them if there is none; the heading is that of the sole's lateral axis. A foot that pivots
+    keeps its heading, and turns about the middle of the corners that stand. Outside contact
+    the corners are given back as they are.
 
     Args:
         corners: (T, 2, 4, 3) corners in world [m].
@@ -55,18 +55,17 @@ def anchors(corners: Array, contact: BoolArray, sole: Array) -> Array:
     """
     placed = corners.copy()
     for foot in range(2):
-        flat = sole[foot, :, :2] - sole[foot, :, :2].mean(axis=0)
+        flat = sole[foot] - sole[foot].mean(axis=0)
         for start, end in runs(np.asarray(contact[:, foot].any(axis=1))):
-            down = contact[start:end, foot].all(axis=1)
-            seen = corners[start:end, foot][down if down.any() else slice(None)]
-            across = np.sum(seen[:, [0, 3], :2] - seen[:, [1, 2], :2], axis=1)
-            if np.ptp(np.unwrap(np.arctan2(across[:, 1], across[:, 0]))) > _PIVOT:
-                quarter = -(-len(seen) // 4)
-                seen = seen[:quarter] if start > 0 else seen[-quarter:]
-            center = seen[..., :2].mean(axis=(0, 1))
-            lateral = np.mean(seen[:, [0, 3], :2] - seen[:, [1, 2], :2], axis=(0, 1))
-            c, s = np.array([lateral[1], -lateral[0]]) / np.linalg.norm(lateral)
-            placed[start:end, foot, :, :2] = center + flat @ np.array([[c, s], [-s, c]])
+            stands, seen = contact[start:end, foot], corners[start:end, foot]
+            whole = np.asarray(stands.all(axis=1))
+            weight = whole.astype(np.float64) if whole.any() else np.ones(len(seen))
+            yaw: Array = np.unwrap(heading(seen))
+            if np.ptp(yaw) < TURNS:
+                yaw[:] = weight @ yaw / weight.sum()
+            turned, share = pivot(yaw, stands, flat), weight[:, None] * stands
+            center = np.einsum("tc,tci->i", share, seen[..., :2] - turned) / share.sum()
+            placed[start:end, foot, :, :2] = turned + center
             placed[start:end, foot, :, 2] = 0.0
     return placed
 

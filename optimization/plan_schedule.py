@@ -7,7 +7,8 @@ import numpy as np
 from robomirror_drake.messages import Array, BoolArray
 
 _SAME_PLACE = 0.05  # a foot that comes down nearer than this has not stepped [m]
-_OFF_GROUND = 0.03  # a body without contact whose feet rise above this is in flight [m]
+_FALLING = -5.0  # a body without contact that accelerates downwards more is in flight [m/s²],
+_OFF_GROUND = 0.03  # and so is one whose feet rise above this [m]
 
 
 def runs(active: BoolArray) -> list[tuple[int, int]]:
@@ -16,11 +17,12 @@ def runs(active: BoolArray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
+def steady(contact: BoolArray, corners: Array, fall: Array, shortest: int) -> BoolArray:
     """The schedule without what no robot could do.
 
+    * A body that neither falls nor leaves the ground does not fly: the foot stands that stands
+      before or after, or both do, or else the lower one.
     * Support passes from one foot to the other while both stand.
-    * In flight both feet are well above the ground: else the lower one stands.
     * A foot that leaves the ground for less than ``shortest`` frames, and comes down where it
       was, stays on it; so does one whose swing is cut that short by either end.
     * A foot that touches the ground for less, while the other stands, does not.
@@ -28,14 +30,10 @@ def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
     Args:
         contact: (T, 2, 4) schedule.
         corners: (T, 2, 4, 3) sole corners in world [m].
+        fall: (T,) vertical acceleration of the base [m/s²].
         shortest: Length of a phase from which on it is believed [frames].
     """
-    mended, last = _exchanges(contact, shortest), len(contact)
-    for start, end in runs(np.asarray(~contact.any(axis=(1, 2)))):
-        height = corners[start:end, ..., 2].min(axis=2)
-        if height.min(axis=1).max() < _OFF_GROUND:
-            lower = int(np.argmin(height.mean(axis=0)))
-            mended[start:end, lower] = True
+    mended, last = _exchanges(_grounded(contact, corners, fall), shortest), len(contact)
     for foot in range(2):
         for start, end in runs(np.asarray(~mended[:, foot].any(axis=1))):
             inside = start > 0 and end < last
@@ -50,16 +48,37 @@ def steady(contact: BoolArray, corners: Array, shortest: int) -> BoolArray:
     return mended
 
 
+def _grounded(contact: BoolArray, corners: Array, fall: Array) -> BoolArray:
+    """A schedule with contact wherever the body is not in flight."""
+    mended, last = contact.copy(), len(contact)
+    for start, end in runs(np.asarray(~contact.any(axis=(1, 2)))):
+        height = corners[start:end, ..., 2].min(axis=2).mean(axis=0)
+        lower = corners[start:end, ..., 2].min(axis=(1, 2))
+        if fall[start:end].mean() < _FALLING or lower.max() > _OFF_GROUND:
+            continue
+        before = contact[start - 1] if start > 0 else np.zeros((2, 4), np.bool_)
+        after = contact[end] if end < last else np.zeros((2, 4), np.bool_)
+        beside = before.any(axis=1).astype(int) + after.any(axis=1)
+        if before.any() and after.any() and beside.max() == 1:
+            mended[start:end] = before | after
+        else:
+            foot = int(np.argmax(beside - height))  # heights are below 1 m
+            own = before[foot] | after[foot]
+            mended[start:end, foot] = own if own.any() else True
+    return mended
+
+
 def _exchanges(contact: BoolArray, shortest: int) -> BoolArray:
     """A schedule in which both feet stand for some frames where one takes over from the other."""
-    lapped, overlap = contact.copy(), shortest // 3
+    lapped, half = contact.copy(), shortest // 3
     starts = [[start for start, _ in runs(np.asarray(contact[:, f].any(axis=1)))] for f in (0, 1)]
     for foot in range(2):
-        for _, end in runs(np.asarray(contact[:, foot].any(axis=1))):
+        for begin, end in runs(np.asarray(contact[:, foot].any(axis=1))):
             for start in starts[1 - foot]:
-                if 0 <= start - end < shortest:
-                    lapped[end : start + overlap, foot] |= contact[end - 1, foot]
-                    lapped[end - overlap : start, 1 - foot] |= contact[start, 1 - foot]
+                if begin < start and end < len(contact) and -2 * half < start - end < shortest:
+                    first, last = max((start + end) // 2 - half, 0), -(-(start + end) // 2) + half
+                    lapped[end:last, foot] |= contact[end - 1, foot]
+                    lapped[first:start, 1 - foot] |= contact[start, 1 - foot]
     return lapped
 
 

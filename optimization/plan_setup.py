@@ -87,7 +87,8 @@ def pad(robot: Robot, reference: RobotReference, options: PlanOptions) -> Padded
     still = np.zeros_like(q)
     pose = centroidal.sample(robot, soles.links, q, still, still, derivatives=False)
     corners = soles.points(pose.links)[:, :8].reshape(-1, 2, 4, 3)
-    own = steady(reference.contact, corners, round(options.shortest_phase / dt))
+    shortest = round(options.shortest_phase / dt)
+    own = steady(reference.contact, corners, reference.a[:, 5], shortest)
     frames = round(options.lead / dt)
     before, after = (
         0 if np.abs(reference.v[cut]).max() < _AT_REST and own[cut].all() else frames

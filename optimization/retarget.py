@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import Array, BoolArray, HumanMotion, RobotReference
@@ -19,7 +20,7 @@ from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.floating_base import Path, reference_rotation, sample
 from robomirror_drake.optimization.kinematics import body_poses, positions
-from robomirror_drake.optimization.retarget_footholds import phases
+from robomirror_drake.optimization.retarget_footholds import heading, phases
 from robomirror_drake.optimization.retarget_metrics import RobotTables, make_tables, residuals
 from robomirror_drake.optimization.retarget_options import RetargetOptions
 from robomirror_drake.optimization.retarget_problem import Problem, make_problem, picked_samples
@@ -284,7 +285,12 @@ def _carry_footholds(tables: RobotTables, targets: Targets, warm: Warm) -> Targe
     for foot in (0, 1):
         for start, stop in phases(np.asarray(targets.contact[:, foot].any(axis=1)))[:1]:
             if start == 0:
-                anchor[:stop, foot] = corners[foot]
+                bears = targets.contact[0, foot]
+                old, new = anchor[0, foot], corners[foot]
+                yaw = float(heading(new[None])[0] - heading(old[None])[0])
+                arm = anchor[:stop, foot] - old[bears].mean(axis=0)
+                turn = Rotation.from_euler("z", yaw).as_matrix()
+                anchor[:stop, foot] = arm @ turn.T + new[bears].mean(axis=0)
     return targets._replace(anchor=anchor)
 
 

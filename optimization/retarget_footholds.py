@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import binary_dilation, gaussian_filter1d
 from scipy.spatial import ConvexHull
 
 from robomirror_drake.messages import Array, BoolArray
 
-REACH, REACH_ALONE = 0.06, 0.12
-"""How far a human foot may stray from its foothold, also where no other foot stands [m]."""
+REACH = 0.06
+"""How far a human foot may stray from its foothold where another foot stands [m]."""
 
-LANDED = 0.025
+LANDED = 0.03
 """How near its foothold a human foot has to be to have landed, or not to have left [m]."""
 
+TURNS = 0.3
+"""By how much a human foot has to turn while it stands for the robot's to turn with it [rad]."""
+
+_GRACE = 2  # by how much contacts may begin later after a flight, or end earlier [samples]
+_STEADY = 3.0  # standard deviation of the filter on such a foot's heading [samples]
 _CUT, _SHORTEST = 2, 3  # samples on both sides of a cut that go, and that a foothold needs
 
 
 def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray, Array]:
-    """Where the feet stand, and when: a foot that pivots or slides on must let go between.
+    """Where the feet stand, and when.
+
+    A foot stands still, or pivots with the human's about the middle of what stands of it. One
+    that strays from there all the same lets go in between, if the other stands meanwhile.
 
     Args:
         soles: (T, 2, 4, 3) corners of the soles as the human's feet have them [m].
@@ -34,64 +43,87 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
         while todo:
             start, stop = todo.pop()
             run = slice(start, stop)
-            stands = contact[run, f]
+            stands, shared = contact[run, f], np.asarray(contact[run, 1 - f].any(axis=1))
             at = _foothold(soles[run, f], stands, corners[f])
-            stray = np.linalg.norm(soles[run, f, :, :2] - at[:, :2], axis=-1)
-            reach = np.where(contact[run, 1 - f].any(axis=1), REACH, REACH_ALONE)
-            if stop - start < _SHORTEST:
+            stray = np.linalg.norm(soles[run, f, :, :2] - at[..., :2], axis=-1)
+            far = np.where(shared, (stray * stands).max(axis=1) > REACH, False)
+            if stop - start < _SHORTEST and shared.all():
                 contact[run, f] = False
-            elif np.any((stray * stands).max(axis=1) > reach):
-                cut = start + int((speed[run, f] * stands).max(axis=1).argmax())
+            elif far.any():
+                quick = np.where(shared, (speed[run, f] * stands).max(axis=1), -1.0)
+                cut = start + int(quick.argmax())
                 first, last = max(start, cut - _CUT), min(stop, cut + _CUT + 1)
-                contact[first:last, f] = False
-                todo += [(a, b) for a, b in ((start, first), (last, stop)) if b > a]
+                contact[first:last, f] &= ~shared[first - start : last - start, None]
+                left = phases(np.asarray(contact[run, f].any(axis=1)))
+                todo += [(start + a, start + b) for a, b in left]
             else:
-                miss[run, f] = stray
+                miss[run, f] = np.linalg.norm(soles[run, f] - at, axis=-1)
                 anchor[run, f] = at
-    return let_go(contact, miss, LANDED), anchor
+    return let_go(contact, miss, LANDED, _GRACE), anchor
 
 
 def _foothold(sole: Array, stands: BoolArray, corners: Array) -> Array:
-    """(4, 3) corners flat on the floor, nearest to where those that stand (T, 4, 3) are."""
+    """(T, 4, 3) corners flat on the floor, nearest to where those that stand (T, 4, 3) are."""
     # The heading is best seen where the foot is flat, and of little worth on its toe.
     weight = np.where(stands.all(axis=1), 1.0, 0.05)
-    forward = weight @ unit((sole[:, 0] - sole[:, 3])[:, :2])
-    forward /= max(float(np.linalg.norm(forward)), 1e-9)
-    turn = np.array([[forward[0], -forward[1]], [forward[1], forward[0]]])
-    flat = corners[:, :2] @ turn.T
+    yaw = np.unwrap(heading(sole))
+    turned = gaussian_filter1d(yaw, _STEADY, mode="nearest")
+    if np.ptp(turned) < TURNS:
+        turned = np.full_like(yaw, weight @ yaw / weight.sum())
+    flat = pivot(turned, stands, corners)
     share = weight[:, None] * stands
     center = np.einsum("tc,tci->i", share, sole[..., :2] - flat) / share.sum()
-    return np.hstack([flat + center, np.zeros((4, 1))])
+    return np.concatenate([flat + center, np.zeros((*flat.shape[:2], 1))], axis=-1)
 
 
-DIRE = 3.0
-"""How many times worse a miss must be where letting go would leave the robot without a foot."""
+def heading(sole: Array) -> Array:
+    """(T,) yaw of soles with corners (T, 4, 3), seen from their lateral axes [rad]."""
+    across = (sole[:, [0, 3], :2] - sole[:, [1, 2], :2]).sum(axis=1)
+    return np.asarray(np.arctan2(-across[:, 0], across[:, 1]))
 
 
-def let_go(contact: BoolArray, miss: Array, most: float) -> BoolArray:
+def pivot(yaw: Array, stands: BoolArray, corners: Array) -> Array:
+    """(T, 4, 2) corners of a flat foot that turns about the middle of those that stand [m].
+
+    Args:
+        yaw: (T,) heading [rad].
+        stands: (T, 4) which corners stand; about their mean the foot turns to its next sample.
+        corners: (4, 3) corners in the frame of the foot [m].
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+    both = stands[1:] & stands[:-1]
+    both = np.where(both.any(axis=1, keepdims=True), both, stands[:-1])
+    middle = both @ corners[:, :2] / np.maximum(both.sum(axis=1, keepdims=True), 1)
+    step = np.einsum("tij,tj->ti", turn[:-1] - turn[1:], middle)
+    moved = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)])
+    return np.asarray(corners[:, :2] @ np.swapaxes(turn, 1, 2) + moved[:, None])
+
+
+def let_go(contact: BoolArray, miss: Array, most: float, grace: int = 0) -> BoolArray:
     """Ends contacts earlier, and begins them later, by the samples that miss their foothold.
 
-    Where one foot takes over from the other, a sample on which nothing else stands must
-    miss by more than :data:`DIRE` times as much.
+    Samples on which nothing else stands are kept, lest the robot fly, but for a few of them
+    next to a flight that there is already.
 
     Args:
         contact: (T, 2, n) which parts of the feet stand.
         miss: (T, 2, n) how far they are from their foothold [m].
         most: How far is tolerated [m].
+        grace: By how many samples a flight may begin earlier, and end later.
 
     Returns:
         (T, 2, n) the contacts that are left.
     """
-    pieces = np.logical_and.accumulate
-    feet, left = np.asarray(contact.any(axis=2)), contact.copy()
+    left = contact.copy()
+    flight = np.pad(~contact.any(axis=(1, 2)), 1)
+    beside = binary_dilation(flight, iterations=grace)[1:-1] if grace else flight[1:-1]
     for f, part in np.ndindex(contact.shape[1:]):
-        other = feet[:, 1 - f]
-        for start, stop in phases(contact[:, f, part]):
-            wrong, dire = (miss[start:stop, f, part] > limit for limit in (most, DIRE * most))
-            shared = other[start:stop]
-            lands = wrong & (shared | ~other[max(start - 1, 0)]) | dire
-            lifts = wrong & (shared | ~other[min(stop, len(other) - 1)]) | dire
-            left[start:stop, f, part] = ~(pieces(lands) | pieces(lifts[::-1])[::-1])
+        for start, stop in phases(left[:, f, part]):
+            shared = left[start:stop, 1 - f].any(axis=1)
+            off = (miss[start:stop, f, part] > most) & (shared | beside[start:stop])
+            pieces = np.logical_and.accumulate
+            left[start:stop, f, part] &= ~(pieces(off) | pieces(off[::-1])[::-1])
     return left
 
 

@@ -74,7 +74,7 @@ def residuals(tables: RobotTables, targets: Targets, q: Array, v: Array) -> dict
     Returns:
         ``keypoint_error``: mean distance of keypoints from their targets [m];
         ``stance_drift``: most that a sole corner moves over the floor from where its
-        phase of contact began [m];
+        phase of contact began, beside its foothold [m];
         ``penetration``: depth of a sole corner below the floor [m];
         ``self_penetration``: depth of two capsules in each other [m];
         ``limit_violation``: most that a joint exceeds its position [rad] or its
@@ -91,7 +91,9 @@ def residuals(tables: RobotTables, targets: Targets, q: Array, v: Array) -> dict
     jerk = np.diff(joints, 3, axis=0) * RATE**3
     return {
         "keypoint_error": float(miss.mean()),
-        "stance_drift": _drift(corners, targets.contact.reshape(-1, 8)),
+        "stance_drift": _drift(
+            corners - targets.anchor.reshape(-1, 8, 3), targets.contact.reshape(-1, 8)
+        ),
         "penetration": max(0.0, -float(corners[..., 2].min())),
         "self_penetration": max(0.0, -float(distances(tables.capsules, R, p).min())),
         "limit_violation": max(0.0, *(float(excess.max()) for excess in limits)),
@@ -99,10 +101,10 @@ def residuals(tables: RobotTables, targets: Targets, q: Array, v: Array) -> dict
     }
 
 
-def _drift(corners: Array, standing: BoolArray) -> float:
-    """Most that a corner (T, 8, 3) moves in x, y from the start of a run of ``standing``."""
+def _drift(offset: Array, standing: BoolArray) -> float:
+    """Most that offsets (T, 8, 3) move in x, y from the start of a run of ``standing``."""
     moved = [
-        float(np.linalg.norm(corners[a:b, k, :2] - corners[a, k, :2], axis=1).max())
+        float(np.linalg.norm(offset[a:b, k, :2] - offset[a, k, :2], axis=1).max())
         for k in range(standing.shape[1])
         for a, b in phases(standing[:, k])
     ]

@@ -15,7 +15,6 @@ from robomirror_drake.optimization import centroidal, spline
 from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
 from robomirror_drake.optimization.plan_contacts import (
     ConeOptions,
-    anchors,
     hull_edges,
     outside,
     wrench_cones,
@@ -26,8 +25,6 @@ from robomirror_drake.optimization.plan_problem import GROUPS, Problem, rest_at_
 from robomirror_drake.optimization.plan_schedule import (
     loaded_corners,
     runs,
-    standing_end,
-    steady,
 )
 from robomirror_drake.optimization.plan_setup import first_guess, pad, problem
 from robomirror_drake.optimization.plan_solver import anchored, shared
@@ -361,93 +358,6 @@ def test_cones_hold_single_corner_forces_and_refuse_others() -> None:
     assert outside(cones, slipping).max() > 0.02
     flight = wrench_cones(standing, ~loaded, options)
     assert outside(flight, np.zeros((1, 6))).max() == 0.0
-
-
-def test_switches_load_only_what_both_sides_share() -> None:
-    contact = np.zeros((20, 2, 4), dtype=bool)
-    contact[:12, 0] = True
-    contact[8:, 1] = True
-    loaded = loaded_corners(contact, np.arange(20.0), 1.0)
-    np.testing.assert_array_equal(loaded[:, 0, 0], np.arange(20) < 11)
-    np.testing.assert_array_equal(loaded[:, 1, 0], np.arange(20) > 8)
-    contact[8:12, 1] = False  # no double support now, and no flight either
-    assert loaded_corners(contact, np.arange(20.0), 1.0).any(axis=(1, 2)).all()
-
-
-def test_flicker_is_taken_out_of_a_schedule() -> None:
-    still = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
-    contact = np.ones((40, 2, 4), dtype=bool)
-    contact[10:13, 0] = False
-    contact[:2, 1] = False
-    assert steady(contact, still, 5).all()
-    moved = still.copy()
-    moved[12:, 0, :, 0] += 0.1
-    assert not steady(contact, moved, 5)[10:13, 0].any()
-    contact[:, 0], contact[:, 1] = False, True
-    contact[[0, 39], 0] = True
-    contact[20:22, 0] = True
-    mended = steady(contact, still, 5)
-    assert not mended[1:39, 0].any()
-    assert mended[:, 1].all()
-
-
-def test_support_passes_on_while_both_feet_stand() -> None:
-    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
-    contact = np.zeros((40, 2, 4), dtype=bool)
-    contact[:20, 0], contact[21:, 1] = True, True
-    both = steady(contact, corners, 7).any(axis=2).all(axis=1)
-    np.testing.assert_array_equal(np.flatnonzero(both), np.arange(18, 23))
-
-
-def test_flight_is_believed_only_of_feet_that_leave_the_ground() -> None:
-    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
-    corners[10:30, 0, :, 2] += 0.3
-    contact = np.ones((40, 2, 4), dtype=bool)
-    contact[10:30] = False
-    mended = steady(contact, corners, 5)
-    assert mended[:, 1].all()
-    assert not mended[10:30, 0].any()
-    corners[10:30, 1, :, 2] += 0.1
-    np.testing.assert_array_equal(steady(contact, corners, 5), contact)
-
-
-def test_added_time_brings_both_feet_down() -> None:
-    cut = np.zeros((2, 4), dtype=bool)
-    assert standing_end(cut, 10).all()  # in flight, both land at once
-    cut[0] = True
-    added = standing_end(cut, 10)
-    assert added[:, 0].all()
-    np.testing.assert_array_equal(added[:, 1, 0], np.arange(10) >= 5)
-
-
-def test_anchors_are_flat_rectangles_at_the_mean_pose() -> None:
-    corners = np.repeat(corners_of(ROBOT.standing[None]), 10, axis=0)
-    corners[:, 0, :, 0] += np.linspace(0.0, 0.02, 10)[:, None]
-    contact = np.ones((10, 2, 4), dtype=bool)
-    placed = anchors(corners, contact, ROBOT.sole_corners)
-    np.testing.assert_allclose(np.ptp(placed, axis=0), 0.0, atol=1e-12)
-    np.testing.assert_allclose(placed[0, 0, :, :2], corners[:, 0, :, :2].mean(axis=0), atol=1e-9)
-    np.testing.assert_array_equal(placed[..., 2], 0.0)
-
-
-def test_a_pivoting_foot_is_anchored_where_it_came_down() -> None:
-    corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
-    angle = np.linspace(0.0, 1.5, 40)[:, None]
-    center = corners[0, 0, :, :2].mean(axis=0)
-    x, y = np.moveaxis(corners[:, 0, :, :2] - center, -1, 0)
-    corners[:, 0, :, 0] = center[0] + np.cos(angle) * x - np.sin(angle) * y
-    corners[:, 0, :, 1] = center[1] + np.sin(angle) * x + np.cos(angle) * y
-    contact = np.ones((40, 2, 4), dtype=bool)
-
-    def heading(placed: np.ndarray) -> float:
-        lateral = placed[20, 0, 0] - placed[20, 0, 1]
-        before = corners[0, 0, 0] - corners[0, 0, 1]
-        turn = np.arctan2(lateral[1], lateral[0]) - np.arctan2(before[1], before[0])
-        return float(np.angle(np.exp(1j * turn)))
-
-    assert heading(anchors(corners, contact, ROBOT.sole_corners)) > 1.2
-    contact[:4, 0] = False
-    assert 0.1 < heading(anchors(corners, contact, ROBOT.sole_corners)) < 0.45
 
 
 def test_shared_forces_sum_up() -> None:

@@ -123,6 +123,6 @@ def test_a_real_jump_needs_no_more_torque_than_there_is() -> None:
     plan = plan_dynamics(ROBOT, raw)
     torque = np.abs(torques_at(plan, 200.0)) / ROBOT.effort_limits
     assert torque.max() < 1.0
-    assert np.mean(torque > 0.8) < 2e-3
-    assert plan.residuals["distance_to_raw"] < 0.15
+    assert np.mean(torque > 0.8) < 4e-3
+    assert plan.residuals["distance_to_raw"] < 0.10
     assert plan.residuals["self_penetration"] < 1e-3

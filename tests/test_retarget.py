@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import HumanMotion
@@ -39,7 +40,7 @@ def walked(walk):
 
 @pytest.mark.parametrize(
     ("clip", "keypoints"),
-    [("walk", 0.025), ("turn_left0", 0.025), ("jump", 0.025), ("run", 0.025), ("spin", 0.025),
+    [("walk", 0.025), ("turn_left0", 0.025), ("jump", 0.025), ("run", 0.04), ("spin", 0.03),
      ("kick", 0.04), ("spinkick", 0.04), ("punch", 0.04), ("dance_a", 0.08), ("dance_b", 0.08)],
 )  # fmt: skip
 def test_real_clips(clip, keypoints):
@@ -146,6 +147,23 @@ def test_a_sliding_foot_lets_go_between_footholds():
     np.testing.assert_allclose(anchor[-1, 0], corners[0] + [0.3, 0, 0], atol=0.03)
 
 
+def test_a_pivoting_foot_turns_on_the_spot():
+    corners = np.tile(np.array([[[0.1, 0.05, 0], [0.1, -0.05, 0], [-0.1, -0.05, 0],
+                                 [-0.1, 0.05, 0]]]), (2, 1, 1))  # fmt: skip
+    yaw = np.interp(np.arange(80), [25, 55], [0.0, 1.5])
+    turn = Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    soles = corners + np.zeros((80, 2, 4, 3))
+    toe = corners[0, :2].mean(axis=0)
+    soles[:, 0] = (corners[0] - toe) @ turn.swapaxes(1, 2) + toe
+    ends = np.ones((80, 2, 4), dtype=bool)
+    ends[:, 0, 2:] = False
+    contact, anchor = footholds(soles, ends, corners)
+    np.testing.assert_array_equal(contact, ends)
+    assert np.ptp(anchor[:, 0, :2].mean(axis=1), axis=0).max() < 1e-9
+    np.testing.assert_allclose(anchor[:, 0, :2], soles[:, 0, :2], atol=0.01)
+    assert np.ptp(anchor[:, 1], axis=0).max() == 0.0
+
+
 def test_contacts_end_earlier_but_not_where_the_robot_would_fly():
     contact = np.zeros((20, 2, 1), dtype=bool)
     contact[:12, 0], contact[12:, 1] = True, True
@@ -154,3 +172,22 @@ def test_contacts_end_earlier_but_not_where_the_robot_would_fly():
     assert let_go(contact, miss, 0.01)[:, 0, 0].sum() == 12
     contact[9:, 1] = True
     assert let_go(contact, miss, 0.01)[:, 0, 0].sum() == 10
+    contact[12:, 1], contact[9:12, 1] = False, False
+    assert let_go(contact, miss, 0.01)[:, 0, 0].sum() == 12
+    assert let_go(contact, miss, 0.01, grace=1)[:, 0, 0].sum() == 11
+
+
+@pytest.mark.parametrize(
+    ("clip", "flights"),
+    [("walk", 0), ("turn_right0", 0), ("kick", 0), ("punch", 0), ("jump", 1), ("spinkick", 1),
+     ("run", 2), ("dance_a", 1), ("dance_b", 2), ("spin", 2)],
+)  # fmt: skip
+def test_a_reference_flies_where_the_human_does(clip, flights):
+    motion = load_clip(clip)
+    contact = retarget(ROBOT, motion).contact
+    air = phases(~contact.any(axis=(1, 2)))
+    assert len(air) == flights
+    free = ~foot_contacts(motion).any(axis=(1, 2))
+    for start, stop in air:
+        human = free[round(start / 60 * motion.fps) : round(stop / 60 * motion.fps) + 1]
+        assert (stop - start) / 60 - human.sum() / motion.fps < 0.08
