@@ -7,10 +7,11 @@ from dataclasses import asdict
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from robomirror_drake.exceptions import InputError
+from robomirror_drake.exceptions import InputError, UnknownCommandError
 from robomirror_drake.messages import HumanMotion
 from robomirror_drake.motion.composer.compose import clip_of, compose
 from robomirror_drake.motion.composer.cue import Style
+from robomirror_drake.motion.sources import SourceOptions, ready_or_learned, shares
 from robomirror_drake.motion.text import Clause, parse
 
 MAX_CANDIDATES = 256
@@ -25,6 +26,7 @@ class GeneratorOptions(BaseModel):
     diversity: float = Field(
         1.0, ge=0.0, le=1.0, description="Spread of the style parameters, 0 for none at all."
     )
+    source: SourceOptions = SourceOptions()
 
 
 def generate(
@@ -32,8 +34,9 @@ def generate(
 ) -> tuple[HumanMotion, ...]:
     """Candidate human motions for a command: the same text and seed give the same bytes.
 
-    Candidate 0 is in nominal style; each other one has a style drawn for (seed, its index),
-    so it does not depend on how many are asked for.
+    From the composer, candidate 0 is in nominal style; each other one has a style drawn for
+    (seed, its index), so it does not depend on how many are asked for. Where several sources
+    take turns, one that does not know the command is passed over; files may run out.
 
     Args:
         text: The command, in English.
@@ -43,12 +46,24 @@ def generate(
 
     Raises:
         InputError: The text, n or the seed cannot be used.
-        UnknownCommandError: The text names no known action.
+        UnknownCommandError: The text names nothing that a source knows.
     """
     check_request(n, seed)
     options = options or GeneratorOptions()
-    clauses = parse(text)
-    return tuple(_candidate(text, clauses, k, seed, options) for k in range(n))
+    made: dict[int, HumanMotion] = {}
+    unknown: list[UnknownCommandError] = []
+    for kind, indices in shares(options.source, n).items():
+        try:
+            if kind == "composer":
+                clauses = parse(text)
+                made |= {k: _candidate(text, clauses, k, seed, options) for k in indices}
+            else:
+                made |= ready_or_learned(kind, text, indices, seed, options.fps, options.source)
+        except UnknownCommandError as error:
+            unknown.append(error)
+    if not made:
+        raise unknown[0]
+    return tuple(made[k] for k in sorted(made))
 
 
 def check_request(n: int, seed: int) -> None:

@@ -20,6 +20,7 @@ class TextTable:
         unique = sorted({caption for motion in motions for caption in motion.captions})
         row = {caption: i for i, caption in enumerate(unique)}
         self.rows = [[row[caption] for caption in motion.captions] for motion in motions]
+        self.captions = unique
         self.vectors = sentence_vectors(unique, encoder).to(device)
         self.size = int(self.vectors.shape[1])
 
@@ -27,6 +28,15 @@ class TextTable:
         """Row of one of a motion's captions."""
         rows = self.rows[motion]
         return rows[int(rng.integers(len(rows)))]
+
+    def spread(self, most: int) -> Tensor:
+        """Rows of at most so many captions that are far from each other, the first one first."""
+        unit = nn.functional.normalize(self.vectors, dim=1)
+        rows, nearest = [0], unit @ unit[0]
+        while len(rows) < min(most, len(unit)):
+            rows.append(int(nearest.argmin()))
+            nearest = torch.maximum(nearest, unit @ unit[rows[-1]])
+        return torch.tensor(rows)
 
 
 class LatentTable:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from robomirror_drake.exceptions import ConfigError
+from robomirror_drake.exceptions import ConfigError, UnknownCommandError
 from robomirror_drake.messages import Array, HumanMotion
 from robomirror_drake.motion.ground import ground, z_up
 from robomirror_drake.motion.humanml_features import FPS, recover_from_ric
@@ -34,6 +34,9 @@ from robomirror_drake.motion.learned.options import (
 from robomirror_drake.motion.learned.texts import sentence_vectors
 from robomirror_drake.motion.resample import resample
 
+LEAST_LIKENESS = 0.45
+"""Cosine to the nearest caption trained on from which a command counts as known."""
+
 _LEAST_TOKENS = 3  # 1.2 s
 
 
@@ -55,6 +58,7 @@ class LearnedGenerator:
             self._encoder = str(settings["text_encoder"])
             self._normalizer = Normalizer(tensors["mean"].numpy(), tensors["std"].numpy())
             self._shift, self._scale = tensors["latent_scale"]
+            self._known, self._said = tensors["known"], list(map(str, self.header["known"]))
             self._bones = tensors["bones"].numpy().astype(float)
         except (KeyError, ValueError) as error:
             raise ConfigError(f"{path}: no weights of a motion generator: {error}") from error
@@ -76,10 +80,14 @@ class LearnedGenerator:
         """Joint positions (T, 22, 3) [m], y up, at 20 fps, of a motion for each text.
 
         Each motion's length and noise come from a random generator of its own.
+
+        Raises:
+            UnknownCommandError: A text is far from all that was trained on.
         """
         unique = sorted(set(texts))
-        rows = [unique.index(text) for text in texts]
-        text = sentence_vectors(unique, self._encoder)[rows]
+        vectors = sentence_vectors(unique, self._encoder)
+        self._check_known(unique, vectors)
+        text = vectors[[unique.index(text) for text in texts]]
         number = self._draw_tokens(text, generators)
 
         def noise() -> Tensor:
@@ -95,6 +103,13 @@ class LearnedGenerator:
         joints = recover_from_ric(self._normalizer.back(features))
         whole = make_whole(joints, self._bones, FPS)
         return [w[: n * FRAMES_PER_TOKEN] for w, n in zip(whole, number.tolist(), strict=True)]
+
+    def _check_known(self, texts: list[str], vectors: Tensor) -> None:
+        cosine = nn.functional.normalize(vectors, dim=1) @ self._known.T
+        for text, row in zip(texts, cosine, strict=True):
+            if row.max() < LEAST_LIKENESS:
+                nearest = row.topk(min(3, len(row))).indices.tolist()
+                raise UnknownCommandError(text, [self._said[i] for i in nearest])
 
     @torch.no_grad()
     def _draw_tokens(self, text: Tensor, generators: list[torch.Generator]) -> Tensor:
@@ -141,6 +156,7 @@ def generate_learned(
 
     Raises:
         ConfigError: The weights cannot be used.
+        UnknownCommandError: The text is far from all that they were trained on.
     """
     model = load_generator(options.weights)
     generators = [

@@ -36,6 +36,7 @@ from robomirror_drake.motion.learned.training import STAGES, Report, Training
 
 _ROOT_WEIGHT, _JOINT_WEIGHT = 5.0, 2.0  # the root's errors add up over time
 _TEACHER_DECAY = 0.999
+_KNOWN_CAPTIONS = 256  # kept with the weights, to tell what they know
 
 
 def train(options: TrainOptions, report: Report = lambda *_: None) -> Path:
@@ -57,11 +58,16 @@ def train(options: TrainOptions, report: Report = lambda *_: None) -> Path:
         "latent_scale": training.latent_scale,
         "bones": torch.from_numpy(_bones(training.motions, normalizer)),
     }
+    known = training.texts.spread(_KNOWN_CAPTIONS)
+    generator["known"] = nn.functional.normalize(training.texts.vectors[known], dim=1)
+    said = {"known": [training.texts.captions[i] for i in known]}
     networks = training.networks
     for name, module in (("vae", networks.vae), ("student", networks.student),
                          ("length", networks.length)):  # fmt: skip
         generator |= checkpoint.named(name, module)
-    checkpoint.save(options.out / checkpoint.GENERATOR_FILE, _half(generator), training.header)
+    checkpoint.save(
+        options.out / checkpoint.GENERATOR_FILE, _half(generator), training.header | said
+    )
     evaluator = common | checkpoint.named("evaluator", networks.evaluator)
     checkpoint.save(options.out / checkpoint.EVALUATOR_FILE, _half(evaluator), training.header)
     return options.out
