@@ -8,10 +8,19 @@ import numpy as np
 from numba import njit
 
 from robomirror_drake.messages import Array, BoolArray, RobotReference
-from robomirror_drake.robot import Robot
+from robomirror_drake.optimization.kinematics import (
+    body_poses,
+    make_points,
+    make_tree,
+    positions,
+)
+from robomirror_drake.robot import FEET, Robot, rotation_matrix
 
 LEAST_SHARE = 0.02
 """Share of its full force that a corner may bear at the ends of its contact."""
+
+AIRBORNE = 0.008
+"""Height from which on a corner bears nothing, whatever the reference's contacts say [m]."""
 
 
 class ReferenceTrajectory(NamedTuple):
@@ -26,7 +35,8 @@ class ReferenceTrajectory(NamedTuple):
         force: (T, 2, 6) planned wrench about each sole's centre, world axes, [force, moment].
         on: (T, 2, 4) when the current contact of a corner began, or the next one will, +inf
             if none does [s].
-        off: (T, 2, 4) when it will end, -inf without contact [s].
+        off: (T, 2, 4) when it will end, or when the last one did, -inf if there was none [s].
+        contact: (T, 2, 4) whether the corner is on the ground.
         planned: Whether ``force`` means something.
     """
 
@@ -38,6 +48,7 @@ class ReferenceTrajectory(NamedTuple):
     force: Array
     on: Array
     off: Array
+    contact: BoolArray
     planned: bool
 
 
@@ -49,6 +60,7 @@ class ReferenceSample(NamedTuple):
         force: (2, 6) planned wrench about each sole's centre, world axes, [force, moment].
         load: (2, 4) share of its full force that each corner may bear, 0 without contact.
         wait: (2, 4) time until the next contact of a corner without one [s].
+        gone: (2, 4) time since the last contact of a corner without one [s].
     """
 
     q: Array
@@ -57,6 +69,7 @@ class ReferenceSample(NamedTuple):
     force: Array
     load: Array
     wait: Array
+    gone: Array
 
 
 def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTrajectory:
@@ -71,7 +84,8 @@ def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTr
         [reference.v[:, 3:6], _quaternion_rate(quaternion, v[:, 3:6]), v[:, 6:]], 1
     )
     assert reference.foot_force is not None  # always set by the message itself
-    on, off = _contact_times(reference.time, reference.contact)
+    contact = reference.contact & (corner_heights(robot, reference.q) < AIRBORNE)
+    on, off = _contact_times(reference.time, contact)
     return ReferenceTrajectory(
         time=reference.time,
         q=q,
@@ -81,8 +95,18 @@ def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTr
         force=np.roll(reference.foot_force, 3, axis=-1),
         on=on,
         off=off,
+        contact=contact,
         planned=reference.planned,
     )
+
+
+def corner_heights(robot: Robot, q: Array) -> Array:
+    """(T, 2, 4) heights of the soles' corners at configurations (T, 30) in Drake's order [m]."""
+    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
+    poses = body_poses(make_tree(robot), rotation_matrix(q[:, :4]), x)
+    corners = zip(FEET, robot.sole_corners, strict=True)
+    points = [(robot.spec.feet[foot].link, corner) for foot, four in corners for corner in four]
+    return positions(make_points(robot, points), *poses)[..., 2].reshape(-1, 2, 4)
 
 
 def _quaternion_rate(quaternion: Array, omega: Array) -> Array:
@@ -106,7 +130,8 @@ def _contact_times(time: Array, contact: BoolArray) -> tuple[Array, Array]:
     coming = np.minimum.accumulate(np.where(contact, stamps, np.inf)[::-1], axis=0)[::-1]
     on = np.where(contact, np.where(np.isinf(last_free), -np.inf, began), coming)
     ends = np.minimum.accumulate(np.where(contact, np.inf, stamps)[::-1], axis=0)[::-1]
-    return on, np.where(contact, ends, -np.inf)
+    left = np.maximum.accumulate(np.where(contact, following, -np.inf), axis=0)
+    return on, np.where(contact, ends, left)
 
 
 def sample_reference(trajectory: ReferenceTrajectory, time: float, ramp: float) -> ReferenceSample:
@@ -139,8 +164,8 @@ def sample_reference(trajectory: ReferenceTrajectory, time: float, ramp: float) 
     row = right if clamped >= samples.time[right] else right - 1
     since, left = time - samples.on[row], samples.off[row] - time
     ramped = np.clip(np.minimum(since, left) / ramp, LEAST_SHARE, 1.0)
-    load = np.where(samples.off[row] > -np.inf, ramped, 0.0)
-    return ReferenceSample(q, v, a, force, load, -since)
+    load = np.where(samples.contact[row], ramped, 0.0)
+    return ReferenceSample(q, v, a, force, load, -since, -left)
 
 
 @njit(cache=True)

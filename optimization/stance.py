@@ -17,10 +17,13 @@ TOUCHING, HANGING = 0.003, 0.010
 """Height of a corner below which it bears all it may, above which it bears nothing [m]."""
 
 EARLY = 0.10
-"""How long before its planned contact a corner may touch down [s]."""
+"""How long before its planned contact a foot may touch down [s]."""
 
 FELT, LOST = 30.0, 10.0
 """Normal force from which on a foot is felt on the ground, and below which no more [N]."""
+
+DESCENT = 0.3
+"""Speed at which a foot that is late is moved down, faster than the body's own fall [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -30,67 +33,97 @@ class Stance:
     Attributes:
         load: (2, 4) share of its full force that each corner may bear.
         anchor: (2, 3) where the middle of each sole's loaded corners stands [m].
-        offset: (2,) horizontal way from where the reference's feet stand to where the
-            robot's do [m].
-        touching: (2,) 1 where the foot is felt to be on the ground, else 0.
+        offset: (3,) way from where the reference is to where the robot's feet stand, or
+            its centre of mass is in flight [m].
+        touching: (2,) how long each foot has been on the ground, 0 in the air [s].
+        late: (2,) 1 where the ground should have been felt and is not, else 0.
     """
 
     load: Array
     anchor: Array
     offset: Array
     touching: Array
+    late: Array
 
     def pack(self) -> Array:
-        """(18,) everything in one vector."""
-        return np.concatenate([self.load.ravel(), self.anchor.ravel(), self.offset, self.touching])
+        """(21,) everything in one vector."""
+        parts = (self.load.ravel(), self.anchor.ravel(), self.offset, self.touching, self.late)
+        return np.concatenate(parts)
 
     @staticmethod
     def unpack(vector: Array) -> Stance:
         """The inverse of :meth:`pack`."""
-        load, anchor, offset, touching = np.split(vector, [8, 14, 16])
-        return Stance(load.reshape(2, 4), anchor.reshape(2, 3), offset, touching)
+        load, anchor, offset, touching, late = np.split(vector, [8, 14, 17, 19])
+        return Stance(load.reshape(2, 4), anchor.reshape(2, 3), offset, touching, late)
 
-    def shift(self, motion: TaskMotion) -> TaskMotion:
-        """A reference moved by the offset, so that it stands on the robot's own feet."""
-        com, p = motion.com.copy(), motion.p.copy()
-        com[0, :2] += self.offset
-        p[:, :2] += self.offset
-        return motion._replace(com=com, p=p)
+    def shift(self, reference: TaskMotion, motion: TaskMotion) -> TaskMotion:
+        """A reference moved by the offset, so that it stands on the robot's own feet.
+
+        A foot that is late goes down until it meets the ground, wherever that is.
+
+        Args:
+            reference, motion: Where the reference and the robot are.
+        """
+        com, p, v, a = (x.copy() for x in (reference.com, reference.p, reference.v, reference.a))
+        com[0] += self.offset
+        p += self.offset
+        for foot in np.flatnonzero(self.late) + 2:
+            p[foot, 2] = motion.p[foot, 2]
+            v[foot, 2] = min(motion.com[1, 2], 0.0) - DESCENT
+            a[foot, 2] = 0.0
+        return reference._replace(com=com, p=p, v=v, a=a)
 
 
 def initial_stance() -> Stance:
-    """Nothing has touched the ground yet."""
-    return Stance(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros(2), np.zeros(2))
+    """Nothing is known yet; the feet are taken to have stood where they are for long."""
+    return Stance(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros(3), np.ones(2), np.zeros(2))
 
 
-def feel(last: Array, force: Array | None, height: Array) -> Array:
-    """(2,) 1 where a foot is on the ground, else 0.
+def feel(last: Array, force: Array | None, height: Array, period: float) -> Array:
+    """(2,) how long each foot has been on the ground, 0 in the air [s].
+
+    A foot is on the ground from when its force says so until both force and height deny it.
 
     Args:
         last: The same one tick before.
         force: (2, 3) of the ground on each foot, in world [N]; None to go by the height.
         height: (2, 4) of the corners [m].
+        period: Time since the last tick [s].
     """
+    low = height.min(axis=1) < TOUCHING
     if force is None:
-        return np.asarray(1.0 * (height.min(axis=1) < TOUCHING))
-    threshold = np.where(last > 0.0, LOST, FELT)
-    return np.asarray(1.0 * (force[:, 2] > threshold))
+        touching = low
+    else:
+        touching = (force[:, 2] > np.where(last > 0.0, LOST, FELT)) | (low & (last > 0.0))
+    return np.where(touching, last + period, 0.0)
 
 
-def bearing(load: Array, wait: Array, height: Array) -> Array:
+def bearing(sample: ReferenceSample, touching: Array, height: Array, ramp: float) -> Array:
     """(2, 4) share of its full force that each corner may bear, where it really is.
 
-    A corner that hangs in the air bears nothing, whatever is planned; one that has come
-    down a little before its time does.
+    A foot in the air bears nothing, whatever is planned, nor does a corner that hangs above
+    the lowest of its sole; a foot that has come down a little before its time does. The
+    last foot on the ground is not relieved of its load while another is late.
 
     Args:
-        load: (2, 4) what the reference plans.
-        wait: (2, 4) time until the planned contact [s].
+        sample: The reference.
+        touching: (2,) how long each foot has been on the ground [s].
         height: (2, 4) of the corners [m].
+        ramp: Time in which a foot takes up its full load [s].
     """
-    near = np.clip((HANGING - height) / (HANGING - TOUCHING), 0.0, 1.0)
-    early = (load == 0.0) & (wait > 0.0) & (wait < EARLY) & (height < 0.0)
-    return np.where(early, 0.5, load * near)
+    on_ground = touching > 0.0
+    # A foot that is felt stands on its lowest corner, whatever its height seems to be.
+    above = height - height.min(axis=1, keepdims=True)
+    near = np.clip((HANGING - above) / (HANGING - TOUCHING), 0.0, 1.0)
+    # Not a foot that has yet to leave the ground: in the second half of its swing.
+    soon = (sample.wait > 0.0) & (sample.wait < np.minimum(EARLY, sample.gone))
+    whole = (sample.load == 0.0).all(axis=1, keepdims=True)
+    planned = np.where(whole & soon, 1.0, sample.load)
+    scheduled = planned.any(axis=1)
+    if (scheduled & ~on_ground).any() and not (scheduled & on_ground).any():
+        planned = np.where(on_ground[:, None], 1.0, planned)
+    taken = np.clip(touching / ramp, 0.0, 1.0)
+    return np.asarray(planned * near * taken[:, None])
 
 
 def update_stance(
@@ -100,13 +133,15 @@ def update_stance(
     sample: ReferenceSample,
     corners: Array,
     period: float,
+    ramp: float,
     force: Array | None = None,
 ) -> Stance:
     """The stance one tick later.
 
     A sole whose set of loaded corners has changed is anchored where it is, on the floor;
     the offset follows the loaded feet's with a time constant, a foot that takes up its
-    load counting in proportion.
+    load counting in proportion. In flight, where nothing can change the path of the
+    centre of mass, the offset is that of its own.
 
     Args:
         last: One tick before.
@@ -114,19 +149,25 @@ def update_stance(
         sample: The reference now.
         corners: (2, 4, 3) corners of the soles in their own frames [m].
         period: Time since the last tick [s].
+        ramp: Time in which a foot takes up its full load [s].
         force: (2, 3) of the ground on each foot, in world [N], where it is measured.
     """
     world = motion.p[2:, None] + corners @ motion.R[2:].transpose(0, 2, 1)
-    load = bearing(sample.load, sample.wait, world[..., 2])
+    touching = feel(last.touching, force, world[..., 2], period)
+    load = bearing(sample, touching, world[..., 2], ramp)
     anchor = last.anchor.copy()
     for foot in range(2):
         loaded = load[foot] > 0.0
         if loaded.any() and (loaded != (last.load[foot] > 0.0)).any():
             anchor[foot, :2] = world[foot, loaded, :2].mean(axis=0)
     share = load.mean(axis=1)
-    offset = last.offset
+    offset = last.offset.copy()
     if share.sum() > 0.0:
         apart = motion.p[2:, :2] - reference.p[2:, :2]
         follow = min(1.0, period / SHIFT_TIME)
-        offset = offset + follow * (share @ apart / share.sum() - offset)
-    return Stance(load, anchor, offset, feel(last.touching, force, world[..., 2]))
+        offset[:2] += follow * (share @ apart / share.sum() - offset[:2])
+        offset[2] = 0.0
+    elif not (touching > 0.0).any():
+        offset = motion.com[0] - reference.com[0]
+    late = (sample.load > 0.0).any(axis=1) & (touching == 0.0)
+    return Stance(load, anchor, offset, touching, 1.0 * late)

@@ -79,9 +79,18 @@ def control_problem(
     terms = dynamics_terms(robot, memory.robot, q, v)
     wanted = sample_reference(trajectory, time, tuned.options.contact_ramp)
     motion = task_motion(robot, memory.reference, wanted.q, wanted.v, wanted.a)
-    stance = update_stance(last, terms.motion, motion, wanted, robot.corners, period, foot_force)
+    stance = update_stance(
+        last,
+        terms.motion,
+        motion,
+        wanted,
+        robot.corners,
+        period,
+        tuned.options.contact_ramp,
+        foot_force,
+    )
     targets = Targets(
-        motion=stance.shift(motion),
+        motion=stance.shift(motion, terms.motion),
         q=wanted.q[7:],
         v=wanted.v[6:],
         a=wanted.a[6:],

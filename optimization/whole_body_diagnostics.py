@@ -130,5 +130,5 @@ def diagnose(
         friction=1.0 * (loaded & (edge >= (1.0 - ACTIVE) * friction)),
         unilateral=idle.mean(axis=1),
         planned_contact=scheduled.mean(axis=1),
-        measured_contact=stance.touching,
+        measured_contact=np.where(stance.touching > 0.0, 1.0, 0.0),
     )

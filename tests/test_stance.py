@@ -8,10 +8,12 @@ import pytest
 from robomirror_drake.optimization.dynamics_terms import TaskMotion
 from robomirror_drake.optimization.reference_trajectory import ReferenceSample
 from robomirror_drake.optimization.stance import (
+    DESCENT,
     EARLY,
     HANGING,
     Stance,
     bearing,
+    feel,
     initial_stance,
     update_stance,
 )
@@ -33,32 +35,95 @@ def _motion(left: tuple[float, float, float], right: tuple[float, float, float])
     )
 
 
-def _sample(load: np.ndarray, wait: np.ndarray = NEVER) -> ReferenceSample:
-    return ReferenceSample(np.zeros(30), np.zeros(29), np.zeros(29), np.zeros((2, 6)), load, wait)
+def _sample(
+    load: np.ndarray, wait: np.ndarray = NEVER, gone: np.ndarray = NEVER
+) -> ReferenceSample:
+    nowhere = np.zeros(30), np.zeros(29), np.zeros(29), np.zeros((2, 6))
+    return ReferenceSample(*nowhere, load, wait, gone)
 
 
-def test_corners_in_the_air_bear_nothing_and_early_ones_some() -> None:
+def _update(
+    last: Stance,
+    motion: TaskMotion,
+    reference: TaskMotion,
+    sample: ReferenceSample,
+    force: tuple[float, float] | None = None,
+) -> Stance:
+    vertical = None if force is None else np.outer(force, [0.0, 0.0, 1.0])
+    return update_stance(last, motion, reference, sample, CORNERS, 0.004, 0.03, vertical)
+
+
+def test_corners_in_the_air_bear_nothing_and_early_ones_do() -> None:
     planned = np.array([[1.0, 1.0, 0.5, 1.0], [0.0, 0.0, 0.0, 0.0]])
     height = np.array([[0.0, 2 * HANGING, 0.0, HANGING], [-1e-4, -1e-4, 1e-3, -1e-4]])
     wait = np.array([[-1.0] * 4, [EARLY / 2, 2 * EARLY, EARLY / 2, np.inf]])
-    load = bearing(planned, wait, height)
+    long, short = np.ones(2), np.array([0.015, 0.0])
+    load = bearing(_sample(planned, wait), long, height, 0.03)
     np.testing.assert_array_equal(load[0], [1.0, 0.0, 0.5, 0.0])
-    assert load[1, 0] > 0.0  # came down a little before its time
-    np.testing.assert_array_equal(load[1, 1:], 0.0)
+    # The other foot came down a little before its time; corners that are far from theirs wait.
+    np.testing.assert_array_equal(load[1], [1.0, 0.0, 1.0, 0.0])
+    # Not if it has hardly left the ground.
+    load = bearing(_sample(planned, wait, gone=np.full((2, 4), 0.01)), long, height, 0.03)
+    np.testing.assert_array_equal(load[1], 0.0)
+    # Loads are taken up within the ramp, and not at all in the air.
+    load = bearing(_sample(planned, wait), short, height, 0.03)
+    np.testing.assert_allclose(load[0], [0.5, 0.0, 0.25, 0.0])
+    np.testing.assert_array_equal(load[1], 0.0)
+
+
+def test_a_foot_that_is_felt_stands_on_its_lowest_corner() -> None:
+    height = 0.02 + np.array([[0.0, 0.0, HANGING, HANGING]] * 2)
+    load = bearing(_sample(np.ones((2, 4))), np.array([1.0, 0.0]), height, 0.03)
+    np.testing.assert_allclose(load, [[1.0, 1.0, 0.0, 0.0], [0.0] * 4], atol=1e-12)
+
+
+def test_the_last_foot_is_not_relieved_while_the_other_is_late() -> None:
+    handover = np.array([[0.0] * 4, [1.0] * 4])
+    for right, expected in ((0.0, 1.0), (0.1, 0.0)):
+        load = bearing(_sample(handover), np.array([1.0, right]), np.zeros((2, 4)), 0.03)
+        np.testing.assert_array_equal(load[0], expected)
+
+
+def test_touch_is_felt_by_force_and_lost_when_height_agrees() -> None:
+    air, ground = np.full((2, 4), 0.05), np.zeros((2, 4))
+    strong, weak, none = (np.outer([f, 0.0], [0.0, 0.0, 1.0]) for f in (50.0, 20.0, 0.0))
+    last = np.zeros(2)
+    np.testing.assert_array_equal(feel(last, weak, ground, 0.004), 0.0)
+    felt = feel(last, strong, air, 0.004)
+    np.testing.assert_array_equal(felt, [0.004, 0.0])
+    np.testing.assert_array_equal(feel(felt, weak, air, 0.004), [0.008, 0.0])
+    np.testing.assert_array_equal(feel(felt, none, ground, 0.004), [0.008, 0.0])
+    np.testing.assert_array_equal(feel(felt, none, air, 0.004), 0.0)
+    np.testing.assert_array_equal(feel(last, None, ground, 0.004), 0.004)
+
+
+def test_a_late_foot_goes_down_faster_than_the_body_falls() -> None:
+    both = np.ones((2, 4))
+    reference = _motion((0.0, 0.1, 0.0), (0.0, -0.1, 0.0))
+    hanging = _motion((0.0, 0.1, 0.02), (0.0, -0.1, 0.0))
+    com = hanging.com.copy()
+    com[1, 2] = -0.4
+    hanging = hanging._replace(com=com)
+    stance = _update(initial_stance(), hanging, reference, _sample(both), (0.0, 600.0))
+    np.testing.assert_array_equal(stance.late, [1.0, 0.0])
+    wanted = stance.shift(reference, hanging)
+    assert wanted.p[2, 2] == pytest.approx(0.02)
+    assert wanted.v[2, 2] == pytest.approx(-0.4 - DESCENT)
+    np.testing.assert_array_equal(wanted.v[3], 0.0)
 
 
 def test_a_sole_is_anchored_where_its_loaded_corners_come_down_and_stays() -> None:
     both = np.ones((2, 4))
     reference = _motion((0.0, 0.1, 0.0), (0.0, -0.1, 0.0))
     landed = _motion((0.02, 0.1, 0.001), (0.0, -0.1, 0.0))
-    stance = update_stance(initial_stance(), landed, reference, _sample(both), CORNERS, 0.004)
+    stance = _update(initial_stance(), landed, reference, _sample(both))
     np.testing.assert_allclose(stance.anchor, [[0.02, 0.1, 0.0], [0.0, -0.1, 0.0]])
     slid = _motion((0.03, 0.1, 0.0), (0.0, -0.1, 0.0))
-    stance = update_stance(stance, slid, reference, _sample(both), CORNERS, 0.004)
+    stance = _update(stance, slid, reference, _sample(both))
     np.testing.assert_allclose(stance.anchor[0], [0.02, 0.1, 0.0])
     toes = both.copy()
     toes[0, 2:] = 0.0
-    stance = update_stance(stance, slid, reference, _sample(toes), CORNERS, 0.004)
+    stance = _update(stance, slid, reference, _sample(toes))
     np.testing.assert_allclose(stance.anchor[0], [0.13, 0.1, 0.0])
 
 
@@ -68,18 +133,22 @@ def test_the_reference_moves_to_the_feet_that_stand() -> None:
     aside = _motion((0.02, 0.11, 0.0), (0.5, -0.1, 0.3))
     stance = initial_stance()
     for _ in range(500):
-        stance = update_stance(stance, aside, reference, _sample(load), CORNERS, 0.004)
-    np.testing.assert_allclose(stance.offset, [0.02, 0.01], atol=1e-5)
-    moved = stance.shift(reference)
+        stance = _update(stance, aside, reference, _sample(load))
+    np.testing.assert_allclose(stance.offset, [0.02, 0.01, 0.0], atol=1e-5)
+    moved = stance.shift(reference, aside)
     np.testing.assert_allclose(moved.com[0] - reference.com[0], [0.02, 0.01, 0.0], atol=1e-5)
     np.testing.assert_allclose(moved.p[3] - reference.p[3], [0.02, 0.01, 0.0], atol=1e-5)
 
 
-def test_offset_is_kept_in_flight() -> None:
-    flying = _motion((0.5, 0.1, 0.3), (0.5, -0.1, 0.3))
-    before = Stance(np.ones((2, 4)), np.zeros((2, 3)), np.array([0.03, -0.01]), np.ones(2))
-    after = update_stance(before, flying, flying, _sample(np.zeros((2, 4))), CORNERS, 0.004)
-    np.testing.assert_array_equal(after.offset, before.offset)
+def test_in_flight_the_reference_moves_with_the_centre_of_mass() -> None:
+    reference = _motion((0.5, 0.1, 0.3), (0.5, -0.1, 0.3))
+    com = reference.com.copy()
+    com[0] += [0.01, 0.02, -0.03]
+    stance = _update(
+        initial_stance(), reference._replace(com=com), reference, _sample(np.zeros((2, 4)))
+    )
+    np.testing.assert_allclose(stance.offset, [0.01, 0.02, -0.03])
+    np.testing.assert_array_equal(stance.late, 0.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
