@@ -186,25 +186,50 @@ def survey(
     actions: Annotated[
         str, typer.Option(help="Comma-separated actions or clip:NAMEs; all of them by default.")
     ] = "",
+    seeds: Annotated[
+        int, typer.Option(help="Executions of each, with disturbance seeds 0, 1, …")
+    ] = 1,
+    slowest: Annotated[
+        float | None,
+        typer.Option(help="Do all a second time, slowed down where needed, to this tempo at most."),
+    ] = None,
     json_file: JsonOption = None,
+    html: Annotated[Path | None, typer.Option(help="Write a page with plots here.")] = None,
     jobs: Annotated[int, typer.Option(help="Processes.")] = 2,
     scenario: ScenarioOption = "default",
 ) -> None:
-    """Execute every action of the library and say which ones the robot can do."""
-    from robomirror_drake.survey import print_survey, survey_rows
+    """Execute every action and every clip on its feet, and say which ones the robot can do.
+
+    Ctrl-C ends it with what is done.
+    """
+    from robomirror_drake.survey import survey_rows, survey_tasks
+    from robomirror_drake.survey_report import print_survey, render_survey
 
     check_file(json_file)
-    settings = _scenario(scenario)
+    check_file(html)
     wanted = tuple(name.strip() for name in actions.split(",") if name.strip())
+    name = Path(scenario).stem
+    tasks = survey_tasks(_scenario(scenario), wanted, seeds, name, slowest)
+    rows = []
+    interrupted = False
     with progress_bars() as progress:
-        task = progress.add_task("survey", total=None)
-
-        def report(done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total)
-
-        rows = survey_rows(settings, wanted, jobs, report)
+        bar = progress.add_task("survey", total=len(tasks))
+        try:
+            for done in survey_rows(tasks, jobs):
+                rows += done
+                progress.advance(bar)
+        except KeyboardInterrupt:
+            interrupted = True
+    order = {(task.action, task.slowest): number for number, task in enumerate(tasks)}
+    rows.sort(key=lambda row: (order[row.action, row.slowest], row.seed))
     print_survey(rows, out)
     write_json(json_file, {"rows": [asdict(row) for row in rows]})
+    if html is not None:
+        write_text(html, render_survey(rows))
+        console.print(f"wrote {html}", highlight=False)
+    if interrupted:
+        console.print(f"interrupted: {len(rows)} of {len(tasks) * seeds} executions are done")
+        raise typer.Exit(130)
 
 
 @bench.command("retarget")

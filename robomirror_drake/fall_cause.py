@@ -28,6 +28,7 @@ from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.optimization.plan_schedule import runs
 from robomirror_drake.outcome import LOADED_FORCE, evaluate, find_fall, until_fall
 from robomirror_drake.robot import Robot
+from robomirror_drake.simulation import SimulationOptions
 
 Cause = Literal[
     "reference_infeasible", "torque_saturated", "friction_lost", "contact_mismatch", "controller"
@@ -162,11 +163,7 @@ def _pushed(time: Array, pushes: Sequence[Push], mass: float) -> Iterator[Sign]:
 
 
 def judge(
-    robot: Robot,
-    execution: Execution,
-    reference: RobotReference,
-    disturbance: DisturbanceOptions,
-    friction: float,
+    robot: Robot, execution: Execution, reference: RobotReference, options: SimulationOptions
 ) -> Outcome:
     """The outcome of an execution, with the cause of the fall if there was one.
 
@@ -174,12 +171,12 @@ def judge(
         robot: The robot as the controller knows it.
         execution: What it did; its seed is that of the disturbances.
         reference: What it was told.
-        disturbance: What was disturbed.
-        friction: Coefficient µ between soles and ground, as drawn.
+        options: Of the physics, disturbances included.
     """
-    drawn = draw(disturbance, execution.seed, links=1 + len(robot.joint_names))
+    drawn = draw(options.disturbance, execution.seed, links=1 + len(robot.joint_names))
+    friction = options.friction if drawn.friction is None else drawn.friction
     limits = drawn.strength * robot.effort_limits
-    pushes = pushes_until(disturbance, execution.seed, float(execution.time[-1]))
+    pushes = pushes_until(options.disturbance, execution.seed, float(execution.time[-1]))
     outcome = evaluate(execution, limits, friction)
     why = explain_fall(robot, execution, reference, friction, limits, pushes)
     if why is None:

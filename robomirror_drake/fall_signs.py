@@ -15,7 +15,7 @@ import pinocchio as pin
 from robomirror_drake.messages import Array, BoolArray, Execution, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.optimization.dynamics_terms import control_model
-from robomirror_drake.optimization.plan_contacts import ConeOptions, anchors, outside, wrench_cones
+from robomirror_drake.optimization.plan_contacts import ConeOptions, outside, wrench_cones
 from robomirror_drake.outcome import LOADED_FORCE, SATURATED
 from robomirror_drake.robot import FEET, Robot
 
@@ -178,8 +178,7 @@ def _infeasible(robot: Robot, execution: Execution, told: Motion) -> Iterator[Si
     mu, weight = robot.spec.contact.friction, robot.mass * GRAVITY
     # What the schedule forgets may still bear: wrong labels are a fault of their own.
     loaded = execution.contact_ref | _resting(told)
-    placed = anchors(told.corners, loaded, robot.sole_corners)
-    cones = wrench_cones(placed, loaded, ConeOptions(mu, 0.0, 5.0, weight))
+    cones = wrench_cones(told.corners, loaded, ConeOptions(mu, 0.0, 5.0, weight))
     distance = outside(cones, told.wrench)
     flight, worst = np.asarray(~loaded.any(axis=(1, 2))), np.asarray(distance.argmax(axis=1))
     force = np.linalg.norm(told.wrench[:, 3:], axis=1) / weight

@@ -68,7 +68,7 @@ def root_path(execution: Execution, outcome: Outcome) -> go.Figure:
     x, y = 0.5 * (low + high)
     figure.update_xaxes(title="x [m]", range=[x - half, x + half])
     figure.update_yaxes(title="y [m]", range=[y - half, y + half], scaleanchor="x", scaleratio=1)
-    return _styled(figure, height=440)
+    return styled(figure, height=440)
 
 
 def root_errors(execution: Execution, outcome: Outcome) -> go.Figure:
@@ -86,7 +86,7 @@ def root_errors(execution: Execution, outcome: Outcome) -> go.Figure:
     figure.update_yaxes(rangemode="tozero", exponentformat="none", row=2)
     figure.update_yaxes(rangemode="tozero", row=3)
     figure.update_xaxes(title="time [s]", row=3)
-    return _styled(_events(figure, execution, outcome), height=440, legend=False)
+    return styled(_events(figure, execution, outcome), height=440, legend=False)
 
 
 def contacts(execution: Execution, reference: RobotReference, outcome: Outcome) -> go.Figure:
@@ -112,7 +112,7 @@ def contacts(execution: Execution, reference: RobotReference, outcome: Outcome) 
     figure.update_yaxes(autorange="reversed", row=1)
     figure.update_yaxes(title="ground force [N]", range=[-0.05 * highest, 1.25 * highest], row=2)
     figure.update_xaxes(title="time [s]", row=2)
-    return _styled(_events(figure, execution, outcome), height=460)
+    return styled(_events(figure, execution, outcome), height=460)
 
 
 def joint_angles(
@@ -174,7 +174,7 @@ def _finished_grid(figure: go.Figure, panels: int, unit: str) -> go.Figure:
     for col in range(1, 4):
         figure.update_xaxes(title="time [s]", row=rows, col=col)
     figure.update_annotations(font={"size": 13})
-    return _styled(figure, height=110 + 190 * rows, top=60)
+    return styled(figure, height=110 + 190 * rows, top=60)
 
 
 def _line(
@@ -230,7 +230,7 @@ def _events(figure: go.Figure, execution: Execution, outcome: Outcome) -> go.Fig
     return figure
 
 
-def _styled(figure: go.Figure, *, height: int, top: int = 36, legend: bool = True) -> go.Figure:
+def styled(figure: go.Figure, *, height: int, top: int = 36, legend: bool = True) -> go.Figure:
     axis: dict[str, Any] = {"gridcolor": GRID, "zeroline": False, "linecolor": GRID}
     figure.update_xaxes(**axis)
     figure.update_yaxes(**axis)

@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
-from robomirror_drake.messages import Array, BoolArray, Execution, Outcome
+from robomirror_drake.messages import Array, BoolArray, Execution, Outcome, RobotReference
 
 TOUCH_FORCE: Final = 1.0
 """Ground force on a link from which on it counts as touching [N]."""
@@ -165,6 +165,30 @@ def tracking_errors(execution: Tracked) -> TrackingErrors:
         p=np.linalg.norm(execution.q[:, 4:7] - execution.q_ref[:, 4:7], axis=1),
         theta=rotation_angle(execution.q[:, :4], execution.q_ref[:, :4]),
     )
+
+
+def errors_to_raw(
+    execution: Execution, raw: RobotReference, lead: float, time_scale: float
+) -> tuple[float, float] | None:
+    """Mean joint [rad] and root [m] error against the reference that a plan was made from.
+
+    Only while the motion lasts, and up to a fall; None if it was over before the motion began.
+
+    Args:
+        execution: What the robot did with the plan.
+        raw: The reference before planning.
+        lead: When its motion begins in the plan [s].
+        time_scale: How fast the plan plays it, 1 at its own tempo.
+    """
+    upright = until_fall(execution)
+    time = (upright.time - lead) * time_scale
+    within = (time >= 0.0) & (time <= raw.duration)
+    if not within.any():
+        return None
+    row = np.abs(raw.time - time[within, None]).argmin(axis=1)
+    away = upright.q[within] - raw.q[row]
+    joints, root = np.abs(away[:, 7:]).mean(), np.linalg.norm(away[:, 4:7], axis=1).mean()
+    return float(joints), float(root)
 
 
 def friction_margin(foot_force: Array, friction: float) -> float:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jinja2
 import numpy as np
-import plotly.graph_objects as go
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from robomirror_drake import figures
 from robomirror_drake.messages import Execution, Outcome
 from robomirror_drake.outcome import HEIGHT_DROP, LEAN, TOUCH_FORCE, lean_angle, until_fall
+from robomirror_drake.page import plot, render
 from robomirror_drake.results import Result
 from robomirror_drake.robot import Robot
 
@@ -49,13 +46,6 @@ def render_report(result: Result, robot: Robot) -> str:
         result: What to report.
         robot: The robot that executed it.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("robomirror_drake.assets", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     execution, outcome = result.execution, result.outcome
     names = robot.joint_names
     limbs = []
@@ -66,21 +56,21 @@ def render_report(result: Result, robot: Robot) -> str:
         limbs.append(
             {
                 "label": f"{limb[0]} … {limb[-1]}" if len(limb) > 1 else limb[0],
-                "angles": _div(angles, f"angles-{number}"),
-                "torques": _div(torques, f"torques-{number}"),
+                "angles": plot(angles, f"angles-{number}"),
+                "torques": plot(torques, f"torques-{number}"),
             }
         )
-    return environment.get_template("report.html").render(
+    return render(
+        "report.html",
         result=result,
         sentence=outcome_sentence(outcome, execution),
         cause=cause_sentence(outcome),
         metrics=_metrics(result, robot),
-        path=_div(figures.root_path(execution, outcome), "path"),
-        root=_div(figures.root_errors(execution, outcome), "root"),
-        contacts=_div(figures.contacts(execution, result.reference, outcome), "contacts"),
+        path=plot(figures.root_path(execution, outcome), "path"),
+        root=plot(figures.root_errors(execution, outcome), "root"),
+        contacts=plot(figures.contacts(execution, result.reference, outcome), "contacts"),
         limbs=limbs,
         style_names=sorted({name for c in result.candidates for name in c.style}),
-        plotly_js=_plotly_js(),
     )
 
 
@@ -140,16 +130,3 @@ def _metrics(result: Result, robot: Robot) -> list[Metric]:
 
 def _sub(symbol: str, index: str) -> Markup:
     return Markup("{}<sub>{}</sub>").format(symbol, index)
-
-
-def _div(figure: go.Figure, name: str) -> Markup:
-    config: dict[str, Any] = {"displayModeBar": False, "responsive": True}
-    html = figure.to_html(
-        include_plotlyjs=False, full_html=False, div_id=name, config=config, validate=False
-    )
-    return Markup(html)
-
-
-@functools.cache
-def _plotly_js() -> Markup:
-    return Markup(get_plotlyjs())

@@ -84,7 +84,7 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
         chosen=[motion.source for motion in candidates].index(chosen.source),
         reference=plan,
         execution=done,
-        outcome=judge(robot, done, plan, options.disturbance, systems.friction),
+        outcome=judge(robot, done, plan, options),
         robot=scenario.robot,
         seeds={"generator": scenario.seed, "disturbance": scenario.seed},
     )

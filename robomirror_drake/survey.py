@@ -1,135 +1,265 @@
-"""Every action of the library executed once, to see what the robot can do."""
+"""Every action of the library and every clip on its feet executed, to see what the robot can do."""
 
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
+import signal
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from threadpoolctl import threadpool_limits
 
 from robomirror_drake.config import Scenario
-from robomirror_drake.exceptions import InputError, RoboMirrorError
+from robomirror_drake.exceptions import InputError
+from robomirror_drake.fall_cause import judge
+from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS
-from robomirror_drake.run import run
+from robomirror_drake.optimization.plan import PlanOptions
+from robomirror_drake.outcome import errors_to_raw
+from robomirror_drake.pipeline import build_plan_diagram, give_candidates, give_command
+from robomirror_drake.robot import Robot, load_robot
+from robomirror_drake.rollout import rollout
+from robomirror_drake.run import read_source
+from robomirror_drake.yaml_file import validate
+
+RENEWED = 40
+"""Tasks after which processes are renewed: Drake frees all but 2 MB of a diagram."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One execution; times in s, errors as in :class:`~robomirror_drake.messages.Outcome`."""
+    """One execution, or the reason why there was none.
+
+    Attributes:
+        action: Name of the action, or ``clip:NAME``.
+        group: ``locomotion``, ``dynamic``, ``expressive`` or ``mocap``.
+        command: What was asked for.
+        seed: Of the disturbances.
+        scenario: Name of the scenario.
+        slowest: Slowest tempo that the plan was allowed; None where the scenario decides.
+        fell, fall_time_s, fall_cause, cause, cause_evidence, A_q, A_p, torque_saturation,
+        duration_s: As in :class:`~robomirror_drake.messages.Outcome`; A_q and A_p are
+            against the plan.
+        time_scale: Tempo of the plan, 1 for the motion's own.
+        raw_A_q, raw_A_p: The same errors against the reference before planning.
+        distance_to_raw: Mean distance of the plan's keypoints from that reference [m].
+        dynamic_violation: Of the plan.
+        error: Why nothing was executed.
+    """
 
     action: str
     group: str
     command: str
     seed: int
+    scenario: str
+    slowest: float | None = None
     fell: bool | None = None
     fall_time_s: float | None = None
     fall_cause: str | None = None
+    cause: str | None = None
+    cause_evidence: str | None = None
+    time_scale: float | None = None
     A_q: float | None = None
     A_p: float | None = None
+    raw_A_q: float | None = None
+    raw_A_p: float | None = None
     distance_to_raw: float | None = None
+    dynamic_violation: float | None = None
     torque_saturation: float | None = None
+    duration_s: float | None = None
     error: str | None = None
 
 
-def survey_rows(
+@dataclass(frozen=True)
+class Task:
+    """One plan, executed once a seed.
+
+    Attributes:
+        action, group: As in :class:`Row`.
+        scenario: All settings, the command among them.
+        name: Of the scenario.
+        seeds: Of the executions.
+        slowest: As in :class:`Row`.
+    """
+
+    action: str
+    group: str
+    scenario: Scenario
+    name: str
+    seeds: tuple[int, ...]
+    slowest: float | None = None
+
+    def row(self, seed: int, **found: object) -> Row:
+        """A row of this task."""
+        return Row(
+            action=self.action,
+            group=self.group,
+            command=self.scenario.command,
+            seed=seed,
+            scenario=self.name,
+            slowest=self.slowest,
+            **found,  # type: ignore[arg-type]
+        )
+
+    def failed(self, error: str) -> list[Row]:
+        """The rows of a task that could not be done."""
+        return [self.row(seed, error=error) for seed in self.seeds]
+
+
+def survey_tasks(
     scenario: Scenario,
-    names: tuple[str, ...] = (),
-    jobs: int = 2,
-    report: Callable[[int, int], None] | None = None,
-) -> list[Row]:
-    """Executes actions, each with a hold at its end, in processes of their own.
+    names: Sequence[str] = (),
+    seeds: int = 1,
+    name: str = "default",
+    slowest: float | None = None,
+) -> list[Task]:
+    """What a survey has to do.
 
     Args:
         scenario: The settings; one candidate is made for each action, the nominal one.
         names: Actions, or ``clip:NAME``; empty for all actions and all clips on the feet.
-        jobs: Processes.
-        report: Called with how many are done, and how many there are.
+        seeds: How many executions there are of each, with seeds from 0 on.
+        name: Of the scenario.
+        slowest: Does everything a second time, with plans that may be slowed down so far.
 
     Raises:
-        InputError: A name is not known.
+        InputError: A name is not known, or there are no seeds.
+        ConfigError: The tempo is out of bounds.
     """
-    commands = _commands(names)
+    if seeds < 1:
+        raise InputError(f"{seeds} seeds asked for; give 1 or more")
+    known = {action: (a.group, a.paraphrases[0]) for action, a in library().items()}
+    clips = [f"clip:{clip}" for clip in FEET_ONLY_CLIPS]
+    commands: dict[str, tuple[str, str]] = {**known, **{clip: ("mocap", clip) for clip in clips}}
+    if unknown := [action for action in names if action not in commands]:
+        raise InputError(f"no actions {', '.join(unknown)}; known: {', '.join(commands)}")
+    plans: dict[float | None, PlanOptions] = {None: scenario.planner}
+    if slowest is not None:
+        changed = scenario.planner.model_dump() | {"slowest": slowest}
+        plans[slowest] = validate(PlanOptions, changed, "command line")
+    return [
+        Task(
+            action=action,
+            group=group,
+            scenario=scenario.model_copy(
+                update={"command": command, "candidates": 1, "planner": planner}
+            ),
+            name=name,
+            seeds=tuple(range(seeds)),
+            slowest=tempo,
+        )
+        for action, (group, command) in commands.items()
+        if not names or action in names
+        for tempo, planner in plans.items()
+    ]
+
+
+def survey_rows(tasks: Sequence[Task], jobs: int = 2) -> Iterator[list[Row]]:
+    """Does tasks in processes of their own; yields each one's rows as soon as they are there.
+
+    A task that fails, or takes its process with it, gives rows with an ``error``. What runs
+    is ended when the generator is closed or interrupted.
+
+    Args:
+        tasks: From :func:`survey_tasks`.
+        jobs: Processes.
+
+    Raises:
+        InputError: There are no processes to do it.
+    """
     if jobs < 1:
         raise InputError(f"{jobs} processes asked for; give 1 or more")
-    done: dict[str, Row] = {}
+    share = jobs * RENEWED
+    for start in range(0, len(tasks), share):
+        lost: list[Task] = []
+        for task, rows in _pooled(tasks[start : start + share], jobs):
+            if rows is None:
+                lost.append(task)
+            else:
+                yield rows
+        # One of them killed its process, and with it the others' work.
+        for suspect in lost:
+            for task, rows in _pooled((suspect,), 1):
+                yield rows or task.failed("its process died")
+
+
+def _pooled(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, list[Row] | None]]:
+    """Tasks and their rows as they are done; None for those that were lost with a process."""
     # Spawned, not forked: Drake and numba have threads by now.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(commands)), mp_context=context) as pool:
-        futures = [
-            pool.submit(_row, name, group, scenario.model_copy(update=update))
-            for name, (group, command) in commands.items()
-            for update in ({"command": command, "candidates": 1},)
-        ]
-        for future in as_completed(futures):
-            row = future.result()
-            done[row.action] = row
-            if report is not None:
-                report(len(done), len(commands))
-    return [done[name] for name in commands]
+    workers = min(jobs, len(tasks))
+    with ProcessPoolExecutor(workers, context, _leave_interrupts_alone) as pool:
+        futures = {pool.submit(execute, task): task for task in tasks}
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield futures[future], future.result()
+                except BrokenProcessPool:
+                    yield futures[future], None
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
 
 
-def _commands(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
-    """Group and command of each name, in the library's order."""
-    known: dict[str, tuple[str, str]] = {
-        name: (a.group, a.paraphrases[0]) for name, a in library().items()
-    }
-    clips = {f"clip:{name}": ("mocap", f"clip:{name}") for name in FEET_ONLY_CLIPS}
-    known = known | clips
-    if unknown := [name for name in names if name not in known]:
-        raise InputError(f"no actions {', '.join(unknown)}; known: {', '.join(known)}")
-    return {name: value for name, value in known.items() if not names or name in names}
+def _leave_interrupts_alone() -> None:
+    """Ctrl-C goes to every process of a terminal; only the first one shall answer it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _row(name: str, group: str, scenario: Scenario) -> Row:
+def execute(task: Task) -> list[Row]:
+    """Plans a task's motion once and executes it with every seed."""
+    with threadpool_limits(1):
+        try:
+            robot = load_robot(task.scenario.robot)
+            raw, plan = _plans(robot, task.scenario)
+        except Exception as error:  # whatever it is, the other rows shall be done
+            return task.failed(f"{type(error).__name__}: {error}")
+        return [_row(robot, task, raw, plan, seed) for seed in task.seeds]
+
+
+def _plans(robot: Robot, scenario: Scenario) -> tuple[RobotReference, RobotReference]:
+    """The chosen reference, and its plan."""
+    source = read_source(scenario.command)
+    if isinstance(source, str):
+        diagram = build_plan_diagram(robot, scenario, "command")
+        context = diagram.CreateDefaultContext()
+        give_command(diagram, context, source)
+    else:
+        diagram = build_plan_diagram(robot, scenario, "candidates")
+        context = diagram.CreateDefaultContext()
+        give_candidates(diagram, context, (source,))
+    raw: RobotReference = diagram.GetOutputPort("reference").Eval(context)
+    plan: RobotReference = diagram.GetOutputPort("plan").Eval(context)
+    return raw, plan
+
+
+def _row(robot: Robot, task: Task, raw: RobotReference, plan: RobotReference, seed: int) -> Row:
     try:
-        result = run(scenario)
-    except RoboMirrorError as error:
-        return Row(name, group, scenario.command, scenario.seed, error=str(error))
-    outcome = result.outcome
-    return Row(
-        action=name,
-        group=group,
-        command=scenario.command,
-        seed=scenario.seed,
+        execution = rollout(robot, plan, task.scenario.simulation, seed)
+        outcome = judge(robot, execution, plan, task.scenario.simulation)
+    except Exception as error:  # as above
+        return task.row(seed, error=f"{type(error).__name__}: {error}")
+    time_scale = plan.residuals.get("time_scale", 1.0)
+    from_raw = errors_to_raw(execution, raw, plan.lead, time_scale)
+    return task.row(
+        seed,
         fell=outcome.fell,
         fall_time_s=outcome.fall_time_s,
         fall_cause=outcome.fall_cause,
+        cause=outcome.cause,
+        cause_evidence=outcome.cause_evidence,
+        time_scale=time_scale,
         A_q=outcome.A_q,
         A_p=outcome.A_p,
-        distance_to_raw=result.reference.residuals.get("distance_to_raw"),
+        raw_A_q=None if from_raw is None else from_raw[0],
+        raw_A_p=None if from_raw is None else from_raw[1],
+        distance_to_raw=plan.residuals.get("distance_to_raw"),
+        dynamic_violation=plan.residuals.get("dynamic_violation"),
         torque_saturation=outcome.torque_saturation,
+        duration_s=outcome.duration_s,
     )
-
-
-def print_survey(rows: list[Row], console: Console) -> None:
-    """Prints a table of the rows and how many of each group stayed upright."""
-    table = Table("action", "group", "outcome", "joints [rad]", "root [cm]", "from raw [cm]")
-    for row in rows:
-        if row.error is not None:
-            outcome = f"[yellow]{escape(row.error)}"
-        elif row.fell:
-            outcome = f"[red]fell at {row.fall_time_s:.2f} s ({row.fall_cause})"
-        else:
-            outcome = "[green]upright"
-        table.add_row(
-            row.action,
-            row.group,
-            outcome,
-            _number(row.A_q, 1.0),
-            _number(row.A_p, 100.0),
-            _number(row.distance_to_raw, 100.0),
-        )
-    console.print(table)
-    for group in dict.fromkeys(row.group for row in rows):
-        of_group = [row for row in rows if row.group == group]
-        upright = sum(row.fell is False for row in of_group)
-        console.print(f"{group}: {upright} of {len(of_group)} upright")
-
-
-def _number(value: float | None, factor: float) -> str:
-    return "" if value is None else f"{factor * value:.3g}"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robomirror_drake.disturbance import DisturbanceOptions, Push
+from robomirror_drake.disturbance import Push
 from robomirror_drake.fall_cause import FallCause, earliest, explain_fall, judge
 from robomirror_drake.fall_signs import Sign
 from robomirror_drake.messages import RobotReference
@@ -45,9 +45,7 @@ def fall_of(
     options = SimulationOptions.model_validate(
         {"hold": 1.0, "after_fall": 0.0, "disturbance": disturbance or {}}
     )
-    drawn = options.disturbance
-    friction = drawn.friction[0] if drawn.friction else options.friction
-    outcome = judge(robot, rollout(robot, reference, options), reference, drawn, friction)
+    outcome = judge(robot, rollout(robot, reference, options), reference, options)
     assert outcome.fell
     return FallCause(outcome.cause, outcome.cause_evidence)
 
@@ -105,7 +103,7 @@ def test_a_push_in_a_sound_walk_is_left_to_the_controller(robot, plan) -> None:
 
 def test_upright_has_no_cause(robot, make_execution, reference) -> None:
     execution = make_execution()
-    outcome = judge(robot, execution, reference, DisturbanceOptions(), 0.6)
+    outcome = judge(robot, execution, reference, SimulationOptions())
     assert outcome == evaluate(execution, robot.effort_limits, 0.6)
     assert outcome.cause is None
     assert outcome.cause_evidence is None

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from robomirror_drake.outcome import (
+    errors_to_raw,
     evaluate,
     find_fall,
     friction_margin,
@@ -16,6 +19,7 @@ from robomirror_drake.outcome import (
 )
 
 LIMIT = np.full(23, 200.0)
+KNEE = np.eye(30)[10]
 
 
 def about(axis: str, degrees: float) -> np.ndarray:
@@ -163,3 +167,17 @@ def test_until_fall_ends_with_the_fall(make_execution) -> None:
     assert find_fall(cut) == find_fall(execution)
     whole = make_execution()
     assert until_fall(whole) is whole
+
+
+def test_errors_to_the_raw_reference_heed_lead_and_tempo(make_execution, reference) -> None:
+    raw = dataclasses.replace(reference, q=reference.q + np.linspace(0, 1, 121)[:, None] * KNEE)
+    # Half as fast, from 0.5 s on, the plan reaches a quarter of the raw reference at 1.5 s.
+    time = np.arange(91) / 60.0
+    q = make_execution(91).q + np.clip((time - 0.5) / 4.0, 0.0, 1.0)[:, None] * KNEE
+    execution = make_execution(91, q=q)
+    joints, root = errors_to_raw(execution, raw, 0.5, 0.5)
+    assert joints < 0.005 / 23  # half a sample's
+    assert root == 0.0
+    joints, _ = errors_to_raw(execution, raw, 0.0, 1.0)
+    assert joints > 0.2 / 23
+    assert errors_to_raw(execution, raw, 5.0, 1.0) is None

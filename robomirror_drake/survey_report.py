@@ -1,0 +1,230 @@
+"""A survey as a table at the prompt, and as a page with plots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from robomirror_drake.figures import DONE, FAULT, TOLD, styled
+from robomirror_drake.page import plot, render
+from robomirror_drake.survey import Row
+
+UPRIGHT, NOT_DONE = "upright", "not executed"
+
+COLORS = {
+    UPRIGHT: "#2da44e",
+    "controller": FAULT,
+    "contact_mismatch": "#bf5af2",
+    "torque_saturated": "#e8760c",
+    "friction_lost": "#1f9ede",
+    "reference_infeasible": "#8a6d3b",
+    NOT_DONE: TOLD,
+}
+"""How an execution ends, and its colour."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """All executions of one plan."""
+
+    label: str
+    group: str
+    rows: tuple[Row, ...]
+
+    @property
+    def upright(self) -> int:
+        """How many stayed upright."""
+        return sum(row.fell is False for row in self.rows)
+
+    @property
+    def causes(self) -> str:
+        """Why the others fell, most frequent first."""
+        ends = [ending(row) for row in self.rows]
+        found = sorted(set(ends) - {UPRIGHT}, key=lambda end: (-ends.count(end), end))
+        return ", ".join(end.replace("_", " ") for end in found)
+
+    @property
+    def evidence(self) -> str:
+        """What is said of the first that did not stay upright."""
+        return next(
+            (row.error or row.cause_evidence or "" for row in self.rows if row.fell is not False),
+            "",
+        )
+
+    def median(self, value: Callable[[Row], float | None], factor: float = 1.0) -> float | None:
+        """Median of a figure over the executions; None where nobody has it."""
+        known = [x for row in self.rows if (x := value(row)) is not None]
+        return factor * float(np.median(known)) if known else None
+
+
+def ending(row: Row) -> str:
+    """``upright``, the cause of the fall, or ``not executed``."""
+    if row.fell is None:
+        return NOT_DONE
+    return (row.cause or "controller") if row.fell else UPRIGHT
+
+
+def lines(rows: Sequence[Row]) -> list[Line]:
+    """One line for each action and tempo, in the order of the rows."""
+    keys = dict.fromkeys((row.action, row.slowest) for row in rows)
+    made = []
+    for action, slowest in keys:
+        own = tuple(row for row in rows if (row.action, row.slowest) == (action, slowest))
+        label = action if slowest is None else f"{action}, slowed"
+        made.append(Line(label, own[0].group, own))
+    return made
+
+
+def print_survey(rows: Sequence[Row], console: Console) -> None:
+    """Prints a line for each action and tempo, and how many of each group stayed upright."""
+    table = Table(
+        *("action", "group", "upright", "fell at [s]", "cause", "tempo"),
+        *("joints [rad]", "from raw", "root [cm]", "from raw", "saturated [%]"),
+    )
+    for line in lines(rows):
+        color = (
+            "green" if line.upright == len(line.rows) else "red" if not line.upright else "yellow"
+        )
+        table.add_row(
+            line.label,
+            line.group,
+            f"[{color}]{line.upright}/{len(line.rows)}",
+            _number(line.median(lambda row: row.fall_time_s)),
+            escape(line.causes),
+            _number(line.median(lambda row: row.time_scale)),
+            _number(line.median(lambda row: row.A_q)),
+            _number(line.median(lambda row: row.raw_A_q)),
+            _number(line.median(lambda row: row.A_p, 100.0)),
+            _number(line.median(lambda row: row.raw_A_p, 100.0)),
+            _number(line.median(lambda row: row.torque_saturation, 100.0)),
+        )
+    console.print(table)
+    for line in lines(rows):
+        if line.evidence:
+            console.print(f"{line.label}: {line.evidence}", markup=False, highlight=False)
+    for name, upright, total in _groups(rows):
+        console.print(f"{name}: {upright} of {total} upright")
+
+
+def _groups(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
+    """Name, executions upright, executions, of each group and tempo."""
+    names = [_group(row) for row in rows]
+    return [
+        (
+            name,
+            sum(row.fell is False for row, own in zip(rows, names, strict=True) if own == name),
+            names.count(name),
+        )
+        for name in dict.fromkeys(names)
+    ]
+
+
+def _group(row: Row) -> str:
+    return row.group if row.slowest is None else f"{row.group}, slowed"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
+
+
+def render_survey(rows: Sequence[Row]) -> str:
+    """A page with plots and all rows, with plotly.js and all data inside."""
+    return render(
+        "survey.html",
+        rows=rows,
+        lines=lines(rows),
+        groups=_groups(rows),
+        scenario=rows[0].scenario if rows else "",
+        seeds=sorted({row.seed for row in rows}),
+        endings=plot(_endings(rows), "endings"),
+        grid=plot(_grid(rows), "grid"),
+        errors=plot(_errors(rows), "errors"),
+        colors=COLORS,
+        ending=ending,
+    )
+
+
+def _endings(rows: Sequence[Row]) -> go.Figure:
+    """How the executions of each group ended, as shares."""
+    figure = go.Figure()
+    groups = _groups(rows)
+    names = [name for name, _, _ in groups]
+    for end, color in COLORS.items():
+        count = [sum(ending(row) == end and _group(row) == name for row in rows) for name in names]
+        if not any(count):
+            continue
+        figure.add_bar(
+            y=names,
+            x=[100.0 * n / total for n, (_, _, total) in zip(count, groups, strict=True)],
+            name=end.replace("_", " "),
+            text=[str(n) if n else "" for n in count],
+            textposition="inside",
+            insidetextanchor="middle",
+            orientation="h",
+            marker={"color": color},
+            hovertemplate="%{y}: %{text}<extra>" + end.replace("_", " ") + "</extra>",
+        )
+    figure.update_layout(barmode="stack", bargap=0.35)
+    figure.update_xaxes(title="share of executions [%]", range=[0, 100])
+    figure.update_yaxes(autorange="reversed")
+    return styled(figure, height=110 + 46 * len(names), top=60).update_layout(margin={"l": 130})
+
+
+def _grid(rows: Sequence[Row]) -> go.Figure:
+    """How each execution ended: a line an action, a column a seed."""
+    figure = go.Figure()
+    made = lines(rows)
+    for end, color in COLORS.items():
+        own = [(line.label, row) for line in made for row in line.rows if ending(row) == end]
+        if not own:
+            continue
+        figure.add_scatter(
+            x=[f"seed {row.seed}" for _, row in own],
+            y=[label for label, _ in own],
+            name=end.replace("_", " "),
+            mode="markers",
+            marker={"color": color, "symbol": "square", "size": 13},
+            customdata=[row.error or row.cause_evidence or "" for _, row in own],
+            hovertemplate="%{y}, %{x}<br>%{customdata}<extra>%{fullData.name}</extra>",
+        )
+    seeds = [f"seed {seed}" for seed in sorted({row.seed for row in rows})]
+    figure.update_xaxes(categoryarray=seeds, categoryorder="array", side="top")
+    figure.update_yaxes(
+        categoryarray=[line.label for line in made], categoryorder="array", autorange="reversed"
+    )
+    figure = styled(figure, height=120 + 20 * len(made), top=90)
+    return figure.update_layout(margin={"l": 190}).update_yaxes(dtick=1, tickfont={"size": 11})
+
+
+def _errors(rows: Sequence[Row]) -> go.Figure:
+    """Joint error against the plan and against the reference before planning."""
+    figure = go.Figure()
+    groups = list(dict.fromkeys(row.group for row in rows))
+    series = (
+        ("to the plan", DONE, [row.A_q for row in rows]),
+        ("to the raw reference", TOLD, [row.raw_A_q for row in rows]),
+    )
+    for name, color, values in series:
+        figure.add_box(
+            x=[row.group for row in rows],
+            y=values,
+            text=[row.action for row in rows],
+            name=name,
+            boxpoints="all",
+            jitter=0.5,
+            pointpos=0.0,
+            marker={"color": color, "size": 5},
+            line={"width": 1.2},
+            fillcolor="rgba(0,0,0,0)",
+            hovertemplate="%{text}: %{y:.4f} rad<extra></extra>",
+        )
+    figure.update_layout(boxmode="group")
+    figure.update_xaxes(categoryarray=groups, categoryorder="array")
+    figure.update_yaxes(title="mean joint error [rad]", type="log")
+    return styled(figure, height=400, top=50)

@@ -1,0 +1,138 @@
+"""The survey: what it does, that one broken row stops no other, and how it is shown."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import os
+import re
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from robomirror_drake.config import Scenario
+from robomirror_drake.exceptions import InputError
+from robomirror_drake.motion.library import library
+from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS
+from robomirror_drake.survey import Row, execute, survey_rows, survey_tasks
+from robomirror_drake.survey_report import ending, lines, print_survey, render_survey
+
+
+class Deadly:
+    """Ends the process that unpickles it."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os._exit, (1,)
+
+
+def test_everything_is_surveyed_in_four_groups() -> None:
+    tasks = survey_tasks(Scenario(), seeds=3, name="moderate")
+    assert [task.action for task in tasks] == [
+        *library(),
+        *(f"clip:{clip}" for clip in FEET_ONLY_CLIPS),
+    ]
+    assert {task.group for task in tasks} == {"locomotion", "dynamic", "expressive", "mocap"}
+    assert all(task.seeds == (0, 1, 2) and task.name == "moderate" for task in tasks)
+    assert all(task.scenario.candidates == 1 for task in tasks)
+
+
+def test_names_and_numbers_are_checked_first() -> None:
+    with pytest.raises(InputError, match="fly"):
+        survey_tasks(Scenario(), ["bow", "fly"])
+    with pytest.raises(InputError, match="0 seeds"):
+        survey_tasks(Scenario(), seeds=0)
+    with pytest.raises(InputError, match="0 processes"):
+        next(survey_rows(survey_tasks(Scenario(), ["bow"]), jobs=0))
+
+
+def test_a_row_of_a_real_execution() -> None:
+    scenario = Scenario.model_validate(
+        {"simulation": {"hold": 0.2, "disturbance": {"friction": [0.5, 1.0]}}}
+    )
+    (task,) = survey_tasks(scenario, ["clip:walk"], seeds=2, name="floors")
+    rows = execute(task)
+    assert [row.seed for row in rows] == [0, 1]
+    for row in rows:
+        assert (row.action, row.group, row.scenario) == ("clip:walk", "mocap", "floors")
+        assert row.error is None
+        assert row.fell is False
+        assert row.fall_time_s is row.cause is row.cause_evidence is None
+        assert row.time_scale == 1.0
+        # A plan is followed closely, and is itself some way from the raw reference.
+        assert row.A_q < 0.02 < row.raw_A_q < 0.3
+        assert row.A_p < 0.03 < row.raw_A_p < 0.2
+    assert rows[0].A_q != rows[1].A_q  # another floor
+
+
+def test_one_broken_task_stops_no_other() -> None:
+    (task,) = survey_tasks(Scenario(), ["bow"], seeds=2)
+    deadly = dataclasses.replace(task, action="deadly", name=Deadly())
+    mute = dataclasses.replace(
+        task, action="mute", scenario=task.scenario.model_copy(update={"command": ""})
+    )
+    rows = [row for rows in survey_rows([deadly, mute], jobs=1) for row in rows]
+    assert sorted((row.action, row.seed) for row in rows) == [
+        *(("deadly", 0), ("deadly", 1)),
+        *(("mute", 0), ("mute", 1)),
+    ]
+    errors = {row.action: row.error for row in rows}
+    assert "its process died" in errors["deadly"]
+    assert "empty" in errors["mute"]
+
+
+def row(action: str, seed: int = 0, **changes: Any) -> Row:
+    upright = {"fell": False, "time_scale": 1.0, "A_q": 0.01, "A_p": 0.02, "raw_A_q": 0.1}
+    return Row(action, "dynamic", f"a person {action}s", seed, "default", **(upright | changes))
+
+
+FALL = {
+    "fell": True,
+    "fall_time_s": 1.92,
+    "fall_cause": "tilt",
+    "cause": "torque_saturated",
+    "cause_evidence": "L_KNEE at its <200> N·m",
+}
+ROWS = [
+    row("jump"),
+    row("jump", 1, **FALL),
+    row("jump", slowest=0.5, time_scale=0.75),
+    row("jump", 1, slowest=0.5, time_scale=0.75),
+    Row("fly", "dynamic", "a person flies", 0, "default", error="PlanningError: too short"),
+]
+
+
+def test_lines_gather_seeds_and_part_tempos() -> None:
+    made = lines(ROWS)
+    assert [(line.label, line.upright, len(line.rows)) for line in made] == [
+        ("jump", 1, 2),
+        ("jump, slowed", 2, 2),
+        ("fly", 0, 1),
+    ]
+    assert made[0].causes == "torque saturated"
+    assert [ending(row) for row in ROWS[:2]] == ["upright", "torque_saturated"]
+    assert ending(ROWS[-1]) == "not executed"
+
+
+def test_table_says_what_fell_and_why() -> None:
+    text = io.StringIO()
+    print_survey(ROWS, Console(file=text, width=160))
+    printed = text.getvalue()
+    assert "L_KNEE at its <200> N·m" in printed
+    assert "PlanningError: too short" in printed
+    assert "dynamic: 1 of 3 upright" in printed
+    assert "dynamic, slowed: 2 of 2 upright" in printed
+
+
+def test_page_has_all_rows_and_needs_no_network() -> None:
+    html = render_survey(ROWS)
+    page = re.sub(r"<script>/\*.*?</script>", "", html, count=1, flags=re.DOTALL)
+    assert not re.search(r"https?://|src\s*=|<link|@import|url\(", page)
+    assert "L_KNEE at its &lt;200&gt; N·m" in page
+    assert page.count("<td>jump, slowed</td>") == 2
+    assert html == render_survey(ROWS)
+
+
+def test_nothing_done_is_shown_too() -> None:
+    assert "0 executions" in render_survey([])
+    print_survey([], Console(file=io.StringIO()))
