@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.plan_schedule import runs
-from robomirror_drake.optimization.retarget_footholds import TURNS, heading, pivot
+from robomirror_drake.optimization.retarget_footholds import TURNS, heading
 
 ROWS = 16
 """Rows of one wrench cone: normal force, friction 4, yaw 2, hull edges up to 8, one spare."""
@@ -40,34 +40,47 @@ class ConeOptions(NamedTuple):
     weight: float
 
 
-def anchors(corners: Array, contact: BoolArray, sole: Array) -> Array:
+def anchors(corners: Array, contact: BoolArray, sole: Array, path: Array) -> Array:
     """(T, 2, 4, 3) where the corners of each foot stand, flat on z = 0, over each contact phase.
 
     The pose of a phase is the mean over its frames with the whole sole down, or over all of
     them if there is none; the heading is that of the sole's lateral axis. A foot that pivots
-    keeps its heading, and turns about the middle of the corners that stand. Outside contact
-    the corners are given back as they are.
+    follows its path over the floor, put where it is nearest to the corners. Outside contact
+    they are given back as they are.
 
     Args:
         corners: (T, 2, 4, 3) corners in world [m].
         contact: (T, 2, 4) schedule.
         sole: (2, 4, 3) corners in the frames of the feet [m].
+        path: (T, 2, 4, 3) corners of the kinematic reference [m].
     """
     placed = corners.copy()
     for foot in range(2):
-        flat = sole[foot] - sole[foot].mean(axis=0)
+        flat = sole[foot, :, :2] - sole[foot, :, :2].mean(axis=0)
         for start, end in runs(np.asarray(contact[:, foot].any(axis=1))):
-            stands, seen = contact[start:end, foot], corners[start:end, foot]
+            run, stands = slice(start, end), contact[start:end, foot]
             whole = np.asarray(stands.all(axis=1))
-            weight = whole.astype(np.float64) if whole.any() else np.ones(len(seen))
-            yaw: Array = np.unwrap(heading(seen))
-            if np.ptp(yaw) < TURNS:
-                yaw[:] = weight @ yaw / weight.sum()
-            turned, share = pivot(yaw, stands, flat), weight[:, None] * stands
-            center = np.einsum("tc,tci->i", share, seen[..., :2] - turned) / share.sum()
-            placed[start:end, foot, :, :2] = turned + center
-            placed[start:end, foot, :, 2] = 0.0
+            weight = whole.astype(np.float64) if whole.any() else np.ones(end - start)
+            weight /= weight.sum()
+            share = weight[:, None] * stands / stands.sum(axis=1, keepdims=True)
+            yaw, led = (np.unwrap(heading(c[run, foot])) for c in (corners, path))
+            if np.ptp(led) < TURNS:
+                turned = (flat @ _turn(weight @ yaw).T)[None].repeat(end - start, axis=0)
+            else:
+                turned = flat @ np.swapaxes(_turn(led), -1, -2)
+                each = stands[..., None] / stands.sum(axis=1)[:, None, None]
+                turned += ((path[run, foot, :, :2] - turned) * each).sum(axis=1, keepdims=True)
+                turned = turned @ _turn(weight @ np.unwrap(yaw - led)).T
+            center = np.einsum("tc,tci->i", share, corners[run, foot, :, :2] - turned)
+            placed[run, foot, :, :2] = turned + center
+            placed[run, foot, :, 2] = 0.0
     return placed
+
+
+def _turn(yaw: Array) -> Array:
+    """(…, 2, 2) rotations about the vertical axis."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
 
 
 def clearance(contact: BoolArray, height: float, rate: float) -> Array:

@@ -142,11 +142,15 @@ def problem(
     contact = padded.contact[picked]
     frames = np.arange(len(padded.time), dtype=np.float64)
     loaded = loaded_corners(padded.contact, frames, 1.0)[picked]
-    placed = anchors(points[:, :8].reshape(-1, 2, 4, 3), contact, robot.sole_corners)
+    raw, still = padded.q[picked], np.zeros_like(target)
+    led = centroidal.sample(robot, looked_at.links, raw, still, still, derivatives=False)
+    path = looked_at.points(led.links)[:, :8].reshape(-1, 2, 4, 3)
+    placed = anchors(points[:, :8].reshape(-1, 2, 4, 3), contact, robot.sole_corners, path)
     cones = wrench_cones(placed, loaded, options.cone(robot))
     standing = Standing(
         contact=contact,
         loaded=loaded,
+        path=path,
         least=clearance(padded.contact, options.clearance, 1.0 / padded.time[1])[picked],
         cone=options.cone(robot),
         torque_share=options.torque_share,

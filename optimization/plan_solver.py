@@ -38,6 +38,7 @@ class Standing(NamedTuple):
 
     Attributes:
         contact, loaded: (T, 2, 4) corners that stand, and that may bear load.
+        path: (T, 2, 4, 3) corners of the soles in the reference [m].
         least: (T, 2, 4) least height of corners in the air [m].
         cone: Options of the wrench cones.
         torque_share: Of the joints' torque limits that may be planned with.
@@ -46,6 +47,7 @@ class Standing(NamedTuple):
 
     contact: BoolArray
     loaded: BoolArray
+    path: Array
     least: Array
     cone: ConeOptions
     torque_share: float
@@ -64,7 +66,7 @@ class Solution(NamedTuple):
 def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
     """The problem with its stance rows and cones at the mean poses of the soles in ``points``."""
     corners = points[:, :8].reshape(-1, 2, 4, 3)
-    placed = anchors(corners, standing.contact.copy(), problem.robot.sole_corners)
+    placed = anchors(corners, standing.contact, problem.robot.sole_corners, standing.path)
     stands = standing.contact[..., None]
     air = np.full_like(placed, -np.inf)
     air[..., 2] = standing.least
@@ -82,7 +84,7 @@ def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
 def shared(problem: Problem, standing: Standing, at: Evaluation) -> Problem:
     """The problem with torques for the split of the wrench that is needed at ``at``."""
     corners = at.points[:, :8].reshape(-1, 2, 4, 3)
-    placed = anchors(corners, standing.contact, problem.robot.sole_corners)
+    placed = anchors(corners, standing.contact, problem.robot.sole_corners, standing.path)
     split = split_of(at.wrench, placed, standing.loaded, standing.cone)
     most = np.full_like(problem.rows["torque"].upper, standing.torque_share)
     return replace(problem, split=split, rows={**problem.rows, "torque": Rows(-most, most)})

@@ -17,6 +17,7 @@ LANDED = 0.03
 TURNS = 0.3
 """By how much a human foot has to turn while it stands for the robot's to turn with it [rad]."""
 
+_LONG, _LOW = 9, 0.07  # from when on and to what height a heel or toe hangs low [samples, m]
 _GRACE = 2  # by how much contacts may begin later after a flight, or end earlier [samples]
 _STEADY = 3.0  # standard deviation of the filter on such a foot's heading [samples]
 _CUT, _SHORTEST = 2, 3  # samples on both sides of a cut that go, and that a foothold needs
@@ -36,14 +37,14 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
     Returns:
         (T, 2, 4) which corners stand, (T, 2, 4, 3) and where; zero where the foot does not.
     """
-    contact, anchor, miss = ends.copy(), np.zeros(soles.shape), np.zeros(ends.shape)
+    contact, anchor, miss = _settled(soles, ends), np.zeros(soles.shape), np.zeros(ends.shape)
     speed = np.linalg.norm(np.gradient(soles[..., :2], axis=0), axis=-1)
     for f in (0, 1):
         todo = phases(np.asarray(ends[:, f].any(axis=1)))
         while todo:
             start, stop = todo.pop()
             run = slice(start, stop)
-            stands, shared = contact[run, f], np.asarray(contact[run, 1 - f].any(axis=1))
+            stands, shared = ends[run, f], np.asarray(contact[run, 1 - f].any(axis=1))
             at = _foothold(soles[run, f], stands, corners[f])
             stray = np.linalg.norm(soles[run, f, :, :2] - at[..., :2], axis=-1)
             far = np.where(shared, (stray * stands).max(axis=1) > REACH, False)
@@ -57,9 +58,21 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
                 left = phases(np.asarray(contact[run, f].any(axis=1)))
                 todo += [(start + a, start + b) for a, b in left]
             else:
-                miss[run, f] = np.linalg.norm(soles[run, f] - at, axis=-1)
+                height = (soles[run, f, :, 2] * stands).sum(axis=1) / stands.sum(axis=1)
+                miss[run, f] = np.hypot(stray, height[:, None]) * stands
                 anchor[run, f] = at
     return let_go(contact, miss, LANDED, _GRACE), anchor
+
+
+def _settled(soles: Array, ends: BoolArray) -> BoolArray:
+    """Contacts in which a foot whose heel or toe hangs low, and for long, is down altogether."""
+    contact = ends.copy()
+    for f in (0, 1):
+        some = ends[:, f].any(axis=1) & ~ends[:, f].all(axis=1)
+        for start, stop in phases(np.asarray(some)):
+            if stop - start >= _LONG and soles[start:stop, f, :, 2].max() < _LOW:
+                contact[start:stop, f] = True
+    return contact
 
 
 def _foothold(sole: Array, stands: BoolArray, corners: Array) -> Array:
@@ -104,7 +117,7 @@ def let_go(contact: BoolArray, miss: Array, most: float, grace: int = 0) -> Bool
     """Ends contacts earlier, and begins them later, by the samples that miss their foothold.
 
     Samples on which nothing else stands are kept, lest the robot fly, but for a few of them
-    next to a flight that there is already.
+    next to a flight that there is already. So is what stands at the first or the last sample.
 
     Args:
         contact: (T, 2, n) which parts of the feet stand.
@@ -115,15 +128,16 @@ def let_go(contact: BoolArray, miss: Array, most: float, grace: int = 0) -> Bool
     Returns:
         (T, 2, n) the contacts that are left.
     """
-    left = contact.copy()
+    left, last = contact.copy(), len(contact)
     flight = np.pad(~contact.any(axis=(1, 2)), 1)
     beside = binary_dilation(flight, iterations=grace)[1:-1] if grace else flight[1:-1]
     for f, part in np.ndindex(contact.shape[1:]):
         for start, stop in phases(left[:, f, part]):
             shared = left[start:stop, 1 - f].any(axis=1)
             off = (miss[start:stop, f, part] > most) & (shared | beside[start:stop])
-            pieces = np.logical_and.accumulate
-            left[start:stop, f, part] &= ~(pieces(off) | pieces(off[::-1])[::-1])
+            late = np.logical_and.accumulate(off) & (start > 0)
+            early = np.logical_and.accumulate(off[::-1])[::-1] & (stop < last)
+            left[start:stop, f, part] &= ~(late | early)
     return left
 
 

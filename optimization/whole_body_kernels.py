@@ -14,6 +14,10 @@ FORCE_UNIT = 100.0
 """Normal force of a generator at 1 [N]; brings forces and accelerations to one magnitude."""
 
 
+FLOOR = 0.005
+"""Height below which a foot of the reference is on the floor [m]."""
+
+
 @njit(cache=True)
 def rotation_error(R_ref, R):
     """(3,) rotation vector in world axes that turns R into R_ref; zero where it is ambiguous."""
@@ -38,6 +42,21 @@ def _shift_matrix(J, v, a, r):
     v[:3] += spin
     a[:3] += np.cross(a[3:], r) + np.cross(omega, spin)
     return J, v, a
+
+
+@njit(cache=True)
+def _slide(p, v, a, r):
+    """Velocity and acceleration (6,), (6,) over the floor of a foot at its point p + r.
+
+    Zero for a foot in the air: what it does there is nothing for one that stands already.
+    """
+    slide_v, slide_a = np.zeros(6), np.zeros(6)
+    if p[2] + r[2] < FLOOR:
+        spin = np.cross(v[3:], r)
+        slide_v[:2] = (v[:3] + spin)[:2]
+        slide_a[:2] = (a[:3] + np.cross(a[3:], r) + np.cross(v[3:], spin))[:2]
+        slide_v[5], slide_a[5] = v[5], a[5]
+    return slide_v, slide_a
 
 
 @njit(cache=True)
@@ -76,7 +95,8 @@ def task_rows(
 
     Rows: centre of mass 3, angular momentum 3, pelvis 3, trunk 3, left foot 6, right
     foot 6. A foot's linear rows are those of the middle of its loaded corners, or of
-    its sole's centre in swing.
+    its sole's centre in swing. A foot that stands moves as the reference's over the floor,
+    which is not at all unless it pivots.
     """
     T, t, w = np.empty((24, J.shape[2])), np.empty(24), np.empty(24)
     T[:3] = momentum[:3] / mass
@@ -118,11 +138,14 @@ def task_rows(
         r = R[k] @ middle
         J_k, v_k, a_k = _shift_matrix(J[k], v[k], a[k], r)
         T[first : first + 6] = J_k
+        slide_v, slide_a = _slide(ref_p[k], ref_v[k], ref_a[k], ref_R[k] @ middle)
         weight, stiffness, damping = gains[6 if loaded > 0 else 5]
         w[linear] = weight
         if loaded > 0:
             error = anchor[foot] - p[k] - r
-            t[linear] = stiffness * error - damping * v_k[:3] - a_k[:3]
+            t[linear] = (
+                stiffness * error + damping * (slide_v[:3] - v_k[:3]) + slide_a[:3] - a_k[:3]
+            )
         else:
             error = ref_p[k] - p[k]
             rate = ref_v[k, :3] - v_k[:3]
@@ -134,6 +157,7 @@ def task_rows(
         if loaded == 4:
             tilt = np.array([R[k][1, 2], -R[k][0, 2], 0.0])  # turns the sole's normal upright
             t[turning] = stiffness * tilt - damping * v_k[3:] - a_k[3:]
+            t[first + 5] += damping * slide_v[5] + slide_a[5]
         else:
             error = rotation_error(ref_R[k], R[k])
             rate = ref_v[k, 3:] - v_k[3:]

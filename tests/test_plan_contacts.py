@@ -85,7 +85,7 @@ def test_anchors_are_flat_rectangles_at_the_mean_pose() -> None:
     corners = np.repeat(corners_of(ROBOT.standing[None]), 10, axis=0)
     corners[:, 0, :, 0] += np.linspace(0.0, 0.02, 10)[:, None]
     contact = np.ones((10, 2, 4), dtype=bool)
-    placed = anchors(corners, contact, ROBOT.sole_corners)
+    placed = anchors(corners, contact, ROBOT.sole_corners, corners)
     np.testing.assert_allclose(np.ptp(placed, axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(placed[0, 0, :, :2], corners[:, 0, :, :2].mean(axis=0), atol=1e-9)
     np.testing.assert_array_equal(placed[..., 2], 0.0)
@@ -100,7 +100,7 @@ def test_a_pivoting_foot_turns_about_the_middle_of_what_stands() -> None:
     corners[:, 0, :, :2] = toe + (corners[:, 0, :, :2] - toe) @ turn.swapaxes(1, 2)
     contact = np.ones((40, 2, 4), dtype=bool)
     contact[:, 0, 2:] = False
-    placed = anchors(corners, contact, ROBOT.sole_corners)
+    placed = anchors(corners, contact, ROBOT.sole_corners, corners)
     np.testing.assert_allclose(placed[:, 0], corners[:, 0] * [1.0, 1.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(np.ptp(placed[:, 1], axis=0), 0.0, atol=1e-12)
 
@@ -108,5 +108,5 @@ def test_a_pivoting_foot_turns_about_the_middle_of_what_stands() -> None:
 def test_a_small_turn_is_no_pivot() -> None:
     corners = np.repeat(corners_of(ROBOT.standing[None]), 40, axis=0)
     corners[:, 0, :2, 1] += np.linspace(-0.02, 0.02, 40)[:, None]
-    placed = anchors(corners, np.ones((40, 2, 4), dtype=bool), ROBOT.sole_corners)
+    placed = anchors(corners, np.ones((40, 2, 4), dtype=bool), ROBOT.sole_corners, corners)
     np.testing.assert_allclose(np.ptp(placed, axis=0), 0.0, atol=1e-12)
