@@ -41,6 +41,7 @@ CLIP_CAPTIONS: dict[str, tuple[str, ...]] = {
 }
 """What is said of the recorded clips that are in the corpus as they are."""
 
+_LONGEST_NOMINAL = 1.1  # of the longest motion used; faster styles may still fit
 _TEMPOS = (0.9, 1.0, 1.1)
 _MIRROR = [
     INDEX[n.replace("left", "?").replace("right", "left").replace("?", "right")] for n in JOINTS
@@ -126,9 +127,8 @@ def _material(
             rejected += 1
             continue
         seed = int(rng.integers(2**31))
-        try:
-            motions = generate(command.captions[0], options.candidates, seed, generator)
-        except InputError:  # two gestures that need the same arm
+        motions = _candidates(command.captions[0], seed, generator, options.candidates)
+        if not motions:
             rejected += 1
             continue
         known.append(command)
@@ -137,6 +137,19 @@ def _material(
     if options.clips:
         for name, captions in CLIP_CAPTIONS.items():
             yield tuple(_variants(load_clip(name))), captions, True
+
+
+def _candidates(
+    caption: str, seed: int, generator: GeneratorOptions, number: int
+) -> tuple[HumanMotion, ...]:
+    """Motions of a command; none where it cannot be done, or not in ten seconds."""
+    try:
+        nominal = generate(caption, 1, seed, generator)[0]
+        if len(nominal.positions) > _LONGEST_NOMINAL * MAX_FRAMES:
+            return ()
+        return generate(caption, number, seed, generator)
+    except InputError:  # two gestures that need the same arm
+        return ()
 
 
 def _variants(clip: HumanMotion) -> Iterator[HumanMotion]:
