@@ -31,7 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rollout", "results"),
     ("run", "figures", "scene"),
     ("dataset",),
-    ("commands", "bench_retarget", "bench_controller", "survey", "page"),
+    ("commands", "bench_retarget", "bench_controller", "bench_pushes", "survey", "page"),
     ("report", "playback", "terminal", "survey_report"),
     ("generator_commands",),
     ("dataset_commands",),

@@ -1,0 +1,97 @@
+"""Settings of a data set, and what they draw for each of its episodes."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from robomirror_drake.disturbance import DisturbanceOptions, NonNegative, Push, Range, StartErrors
+
+Kind = Literal["nominal", "pushed", "start", "dynamics"]
+"""What of an execution is disturbed."""
+
+PUSH_DURATION = 0.1
+"""[s]"""
+
+
+def _dynamics() -> DisturbanceOptions:
+    return DisturbanceOptions.model_validate(
+        {
+            "friction": [0.4, 1.0],
+            "mass": [-0.1, 0.1],
+            "center_of_mass": 0.01,
+            "sensors": {"joint_position": 0.002, "joint_velocity": 0.05, "orientation": 0.01},
+            "actuators": {"latency": [0.0, 0.008], "strength": [0.8, 1.0]},
+        }
+    )
+
+
+def _start() -> DisturbanceOptions:
+    errors = StartErrors(
+        joint_position=0.01, joint_velocity=0.1, linear_velocity=0.1, angular_velocity=0.2
+    )
+    return DisturbanceOptions(start=errors)
+
+
+class DatasetOptions(BaseModel):
+    """What is executed, and how it is disturbed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seed: int = Field(0, ge=0, le=2**32 - 1, description="of everything that is drawn")
+    per_prompt: int = Field(10, ge=1, le=256, description="motions of each command")
+    executions: int = Field(
+        3, ge=1, le=100, description="of each motion: nominal, pushed, disturbed, pushed …"
+    )
+    group: int = Field(64, ge=1, le=10_000, description="commands in one file")
+    push_speed: Range[NonNegative] = Field(
+        (0.1, 0.5), description="impulse of a push / mass of the robot [m/s]"
+    )
+    start: DisturbanceOptions = Field(_start(), description="of executions that start off")
+    dynamics: DisturbanceOptions = Field(_dynamics(), description="where the robot is another")
+
+
+def stream(options: DatasetOptions, text: str, *which: int) -> np.random.Generator:
+    """Random numbers for a command, or for a candidate and an execution of it.
+
+    They depend on the seed, the command's text and these numbers, and on nothing else: not
+    on where the command stands, nor on what else is executed or by whom.
+    """
+    key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
+    return np.random.default_rng([options.seed, key, *which])
+
+
+def seed_of(rng: np.random.Generator) -> int:
+    """A seed for what takes one number."""
+    return int(rng.integers(2**31))
+
+
+def draw_disturbance(
+    options: DatasetOptions, execution: int, duration: float, rng: np.random.Generator
+) -> tuple[Kind, DisturbanceOptions]:
+    """How an execution of a motion is disturbed.
+
+    Args:
+        options: Of the data set.
+        execution: 0 is nominal, the others are by turns pushed, and disturbed in their start
+            or in their dynamics.
+        duration: Of the motion [s]; a push begins within it.
+        rng: Of the execution.
+    """
+    if execution == 0:
+        return "nominal", DisturbanceOptions()
+    if execution % 2 == 1:
+        direction, speed = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(*options.push_speed)
+        push = Push(
+            time=rng.uniform(0.0, duration),
+            duration=PUSH_DURATION,
+            speed=(speed * math.cos(direction), speed * math.sin(direction), 0.0),
+        )
+        return "pushed", DisturbanceOptions(pushes=(push,))
+    if rng.random() < 0.5:
+        return "start", options.start
+    return "dynamics", options.dynamics

@@ -1,0 +1,223 @@
+"""``robomirror dataset``: commands executed at scale, and what came of it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TextColumn
+from rich.progress import Progress as Bars
+from rich.table import Table
+
+from robomirror_drake.terminal import check_file, console, out, write_json
+
+if TYPE_CHECKING:
+    from robomirror_drake.dataset.generate import Progress
+    from robomirror_drake.dataset.summary import Cost, Summary, Tally
+
+app = typer.Typer(help="Executions at scale, as Parquet files.", no_args_is_help=True)
+
+PromptsOption = Annotated[
+    str, typer.Option(help="CSV or text with one command a line, or a corpus in assets/prompts.")
+]
+SeedOption = Annotated[int, typer.Option(help="Of all that is drawn.")]
+PerPromptOption = Annotated[int, typer.Option(help="Motions of each command.")]
+ExecutionsOption = Annotated[
+    int, typer.Option(help="Of each motion: nominal, pushed, disturbed start or dynamics, …")
+]
+ScenarioOption = Annotated[str, typer.Option(help="Scenario for all that is set elsewhere.")]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
+
+
+@app.command()
+def generate(
+    folder: Annotated[Path, typer.Option("--out", help="Folder of the data set; goes on there.")],
+    prompts: PromptsOption = "corpus",
+    per_prompt: PerPromptOption = 10,
+    executions: ExecutionsOption = 3,
+    seed: SeedOption = 0,
+    limit: Annotated[int | None, typer.Option(min=1, help="The first so many commands.")] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=0, help="Processes; one a core by default; 0: this one, without Ray."),
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option(help="Of a Ray cluster whose machines have this package.")
+    ] = None,
+    scenario: ScenarioOption = "default",
+) -> None:
+    """Execute commands and write what happens; after a kill the same command goes on.
+
+    Example: robomirror dataset generate --limit 20 --per-prompt 2 --out results/data
+    """
+    from robomirror_drake.config import load_scenario
+    from robomirror_drake.dataset.generate import generate_dataset
+    from robomirror_drake.dataset.options import DatasetOptions
+    from robomirror_drake.dataset.prompts import read_prompts
+    from robomirror_drake.dataset.summary import summarise
+    from robomirror_drake.yaml_file import validate
+
+    given = {"seed": seed, "per_prompt": per_prompt, "executions": executions}
+    options = validate(DatasetOptions, given, "command line")
+    commands, settings = read_prompts(prompts), load_scenario(scenario)
+    bars = Bars(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[said]}"),
+        console=console,
+    )
+    with bars:
+        task = bars.add_task("commands", total=None, said="starting")
+
+        def report(progress: Progress) -> None:
+            bars.update(
+                task, total=progress.total, completed=progress.done, said=_progress(progress)
+            )
+
+        done = generate_dataset(
+            commands,
+            options,
+            settings,
+            folder,
+            workers=workers,
+            address=address,
+            limit=limit,
+            report=report,
+        )
+        report(done)
+    for fault in done.damaged:
+        console.print(f"made anew: {fault}", style="yellow", markup=False, highlight=False)
+    summary = summarise(folder)
+    out.print(f"{folder}: {_tally(summary.total)}", highlight=False)
+    _print_cost(summary.cost)
+
+
+@app.command()
+def info(
+    folder: Annotated[Path, typer.Argument(help="Folder of a data set.")],
+    json_file: JsonOption = None,
+) -> None:
+    """Balance, falls by action and cause, failures, hours, and what the making took."""
+    from robomirror_drake.dataset.summary import summarise
+
+    check_file(json_file)
+    summary = summarise(folder)
+    _print_summary(summary)
+    figures = asdict(summary)
+    figures["cost"] |= {"rate": summary.cost.rate(), "paper_core_hours": summary.cost.paper_hours()}
+    write_json(json_file, _plain(figures))
+
+
+@app.command()
+def scaling(
+    prompts: PromptsOption = "corpus",
+    commands: Annotated[int, typer.Option(min=1, help="How many commands.")] = 4,
+    per_prompt: PerPromptOption = 1,
+    executions: ExecutionsOption = 3,
+    seed: SeedOption = 0,
+    workers: Annotated[int, typer.Option(min=2, help="The larger number of workers.")] = 2,
+    scenario: ScenarioOption = "default",
+    json_file: JsonOption = None,
+) -> None:
+    """Measure what more workers bring: the same commands with one and with more of them."""
+    from robomirror_drake.config import load_scenario
+    from robomirror_drake.dataset.options import DatasetOptions
+    from robomirror_drake.dataset.prompts import read_prompts
+    from robomirror_drake.dataset.scaling import measure_scaling
+    from robomirror_drake.dataset.unit import Job
+    from robomirror_drake.yaml_file import validate
+
+    check_file(json_file)
+    given = {"seed": seed, "per_prompt": per_prompt, "executions": executions}
+    options = validate(DatasetOptions, given, "command line")
+    settings, chosen = load_scenario(scenario), read_prompts(prompts)[:commands]
+    jobs = [Job(number, prompt, options, settings) for number, prompt in enumerate(chosen)]
+    with console.status("measuring"):
+        measured = measure_scaling(jobs, (1, workers))
+    table = Table("workers", "simulated s / s", "a core [CPU time]", "times one worker")
+    first = measured[0].simulated_s / measured[0].wall_s
+    for row in measured:
+        rate = row.simulated_s / row.wall_s
+        table.add_row(
+            str(row.workers),
+            f"{rate:.2f}",
+            f"{row.simulated_s / row.cpu_s:.2f}",
+            f"{rate / first:.2f}",
+        )
+    out.print(table)
+    write_json(json_file, {"rows": [row._asdict() for row in measured]})
+
+
+def _progress(progress: Progress) -> str:
+    """Rate, time to go and falls of a run."""
+    executed = progress.episodes - progress.failed
+    if not executed or not progress.elapsed_s:
+        return ""
+    rate = progress.simulated_s / progress.elapsed_s
+    share = progress.fell / executed
+    own = progress.done_here
+    left = (progress.total - progress.done) * progress.elapsed_s / own if own else 0.0
+    clock = time.strftime("%H:%M:%S", time.gmtime(left % 86_400))
+    days = f"{int(left // 86_400)} d " if left >= 86_400 else ""
+    return (
+        f"{rate:.2f} simulated s/s, {rate / progress.workers:.2f} a worker, "
+        f"{days}{clock} to go, {100 * share:.0f} % fell, {progress.failed} failed"
+    )
+
+
+def _tally(tally: Tally) -> str:
+    return (
+        f"{tally.episodes} episodes, {tally.seconds / 3600:.2f} h, {tally.fell} falls "
+        f"({100 * tally.fall_share:.1f} %), {tally.failed} failed"
+    )
+
+
+def _print_summary(summary: Summary) -> None:
+    out.print(f"{summary.prompts} commands, {_tally(summary.total)}", highlight=False)
+    for name, tallies in summary.by.items():
+        table = Table(name, "episodes", "share [%]", "hours", "fell [%]", "failed", "causes")
+        for value, tally in sorted(tallies.items(), key=lambda item: -item[1].episodes):
+            table.add_row(
+                escape(value),
+                str(tally.episodes),
+                f"{100 * tally.episodes / summary.total.episodes:.1f}",
+                f"{tally.seconds / 3600:.2f}",
+                f"{100 * tally.fall_share:.1f}",
+                str(tally.failed),
+                ", ".join(f"{cause} {count}" for cause, count in tally.causes.most_common()),
+            )
+        out.print(table)
+    for failure, count in summary.failures.most_common(10):
+        out.print(f"{count} failed: {failure}", markup=False, highlight=False)
+    _print_cost(summary.cost)
+    for fault in summary.damaged:
+        out.print(f"skipped: {fault}", style="red", markup=False, highlight=False, soft_wrap=True)
+
+
+def _print_cost(cost: Cost) -> None:
+    """Rates by stage, and the paper's data set on some numbers of cores."""
+    if not cost.cpu_s.total():
+        return
+    table = Table("stage", "share of processor time [%]", "simulated s / s of a core")
+    for stage, spent in cost.cpu_s.items():
+        table.add_row(stage, f"{100 * spent / cost.cpu_s.total():.1f}", f"{cost.rate(stage):.2f}")
+    table.add_row("all", "100", f"{cost.rate():.2f}")
+    out.print(table)
+    out.print(f"with waiting for a core: {cost.wall_rate():.2f} simulated s / s a worker")
+    from robomirror_drake.dataset.summary import PAPER_EPISODES
+
+    hours = ", ".join(f"{cost.paper_hours(n):,.0f} h on {n} cores" for n in (1, 16, 64, 256))
+    out.print(f"{PAPER_EPISODES:,} executions at this rate: {hours}", highlight=False)
+
+
+def _plain(value: Any) -> Any:
+    """The same with null where a number is not finite, as JSON has it."""
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    return None if isinstance(value, float) and value != value else value
