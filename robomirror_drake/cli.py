@@ -20,6 +20,7 @@ import typer
 from rich.table import Table
 
 from robomirror_drake import __version__
+from robomirror_drake.dataset_commands import app as dataset_app
 from robomirror_drake.exceptions import (
     InputError,
     PlanningError,
@@ -54,6 +55,7 @@ app = typer.Typer(
 bench = typer.Typer(help="Measure a stage; beside a peer where there is one.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
 app.add_typer(generator_app, name="generator")
+app.add_typer(dataset_app, name="dataset")
 
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
