@@ -256,6 +256,28 @@ def bench_controller(json_file: JsonOption = None) -> None:
     write_json(json_file, figures)
 
 
+@bench.command("pushes")
+def bench_pushes(
+    scenario: ScenarioOption = "default",
+    seed: Annotated[int | None, typer.Option(help="Of all that is drawn.")] = None,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", help="Processes.")] = 2,
+    json_file: JsonOption = None,
+) -> None:
+    """How hard a walking robot can be pushed: two sizes, four directions, three instants."""
+    from robomirror_drake import bench_pushes as measure
+
+    check_file(json_file)
+    with progress_bars() as progress:
+        task = progress.add_task("pushing", total=None)
+        figures = measure.run(
+            _scenario(scenario, seed=seed),
+            jobs=jobs,
+            report=lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    measure.print_table(figures, out)
+    write_json(json_file, figures)
+
+
 def _scenario(name: str, **changes: Any) -> Scenario:
     """The scenario of that name with what the command line says instead."""
     from robomirror_drake.config import Scenario, load_scenario
