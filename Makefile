@@ -7,6 +7,9 @@ BIN := $(VENV)/bin
 # One thread per process: the arrays are small, and the tests already run in parallel.
 export OMP_NUM_THREADS ?= 1
 
+# The peer that the controller is measured beside needs another Pinocchio.
+TSID := .venv-tsid
+
 .PHONY: help demo test test-packaging bench lint format clean
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
@@ -44,7 +47,13 @@ test: $(VENV)/.dev
 test-packaging: $(VENV)/.dev
 	$(BIN)/pytest -m packaging
 
+$(TSID)/.ready: requirements-tsid.txt
+	test -x $(TSID)/bin/python || $(PYTHON) -m venv $(TSID)
+	$(TSID)/bin/python -m pip install --quiet --only-binary :all: --requirement requirements-tsid.txt
+	touch $@
+
 bench: $(VENV)/.bench
+	-$(MAKE) --no-print-directory $(TSID)/.ready  # without it the peer is left out
 	$(BIN)/robomirror bench retarget
 	$(BIN)/robomirror bench controller
 

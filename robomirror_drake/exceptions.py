@@ -112,3 +112,7 @@ class SimulationError(RoboMirrorError):
 
 class ResultError(InputError):
     """A result is missing, damaged or not one of ours, or its place cannot be written to."""
+
+
+class BenchError(RoboMirrorError):
+    """A peer to be measured beside is not there, or failed."""

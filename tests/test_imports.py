@@ -31,6 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rollout", "results"),
     ("run", "figures", "scene"),
     ("dataset",),
+    ("bench_peer", "bench_tsid"),
     ("commands", "bench_retarget", "bench_controller", "bench_pushes", "survey", "page"),
     ("report", "playback", "terminal", "survey_report"),
     ("generator_commands",),
