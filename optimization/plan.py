@@ -7,16 +7,32 @@ stand where they stand, and it starts and ends at rest.
 
 from __future__ import annotations
 
-from robomirror_drake.messages import RobotReference
-from robomirror_drake.optimization import spline
+from typing import NamedTuple
+
+import numpy as np
+
+from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.plan_options import PlanOptions
-from robomirror_drake.optimization.plan_problem import rest_at_both_ends
 from robomirror_drake.optimization.plan_result import planned_reference
-from robomirror_drake.optimization.plan_setup import first_guess, limits, pad, problem
-from robomirror_drake.optimization.plan_solver import solve
+from robomirror_drake.optimization.plan_setup import Knots, first_guess, limits, pad, problem
+from robomirror_drake.optimization.plan_solver import WARM, solve
 from robomirror_drake.robot import Robot
 
 __all__ = ["PlanOptions", "plan_dynamics"]
+
+_HALVINGS = 3  # of the range of tempos
+
+
+class _Plan(NamedTuple):
+    """A plan, its control points, and its tempo where the feet stand."""
+
+    reference: RobotReference
+    control: Array
+    tempo: float
+
+    @property
+    def violation(self) -> float:
+        return self.reference.residuals["dynamic_violation"]
 
 
 def plan_dynamics(
@@ -25,10 +41,12 @@ def plan_dynamics(
     """The dynamically consistent motion nearest to a kinematic reference.
 
     Time is added where the reference starts or ends in mid-motion. A motion that cannot be
-    made consistent gives the best plan found, with its violation among the residuals:
+    made consistent is slowed down as far as it must and ``slowest`` allows; what flies keeps
+    its tempo. If that does not help it gives the best plan found. Among the residuals are
     ``dynamic_violation`` (largest distance of the contact wrench from what the soles can give
     with the friction of the robot's feet and no margin, in body weights and body weights times
-    metres) and ``distance_to_raw`` (mean distance of the keypoints from the reference [m]).
+    metres), ``distance_to_raw`` (mean distance of the keypoints from the reference [m]) and
+    ``time_scale`` (duration of the reference by that of its plan, added time apart).
 
     Args:
         robot: The robot.
@@ -42,18 +60,45 @@ def plan_dynamics(
     options = options or PlanOptions()
     if options.strength == 0.0:
         return reference
-    padded = pad(robot, reference, options)
+    plan = _at_tempo(robot, reference, options, options.time_scale)
+    if plan.violation <= options.feasible or options.slowest >= options.time_scale:
+        return plan.reference
+    fast, slow = plan, _at_tempo(robot, reference, options, options.slowest, plan)
+    if slow.violation > options.feasible:
+        return min(fast, slow, key=lambda one: one.violation).reference
+    for _ in range(_HALVINGS):
+        middle = _at_tempo(robot, reference, options, 0.5 * (fast.tempo + slow.tempo), slow)
+        fast, slow = (fast, middle) if middle.violation <= options.feasible else (middle, slow)
+    return slow.reference
+
+
+def _at_tempo(
+    robot: Robot,
+    reference: RobotReference,
+    options: PlanOptions,
+    tempo: float,
+    near: _Plan | None = None,
+) -> _Plan:
+    """The plan at one tempo, which may start from that at another."""
+    padded = pad(robot, reference, options, tempo)
     duration = float(padded.time[-1])
     intervals = max(5, round(duration / options.knot_spacing))
-    spacing = duration / intervals
-    made, standing = problem(robot, padded, spacing, intervals, options)
+    knots = Knots(duration / intervals, intervals)
+    made, standing = problem(robot, padded, knots, options)
+    guess = first_guess(padded, knots)
+    if near is not None:
+        # Most of the way from the reference to its plan is the same at any tempo.
+        old, new = np.linspace(0.0, 1.0, len(near.control)), np.linspace(0.0, 1.0, len(guess))
+        guess = np.stack([np.interp(new, old, column) for column in near.control.T], axis=1)
     solution = solve(
         made,
         standing,
-        first_guess(padded, spacing, intervals),
+        guess,
         limits(robot, options),
         iterations=options.iterations,
         tolerance=options.tolerance,
+        level=0 if near is None else WARM,
     )
-    at_frames = rest_at_both_ends(spline.basis(padded.time, spacing, intervals + 3))
-    return planned_reference(robot, reference, padded, at_frames, solution.control, options)
+    basis = knots.basis(padded.time)
+    plan = planned_reference(robot, reference, padded, basis, solution.control, options)
+    return _Plan(plan, solution.control, tempo)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from robomirror_drake.optimization import centroidal
 from robomirror_drake.optimization.plan_contacts import ConeOptions
@@ -37,8 +39,29 @@ class PlanOptions(BaseModel):
     shortest_phase: float = Field(
         0.12, ge=0.0, le=0.5, description="shorter swings and supports are label flicker [s]"
     )
+    time_scale: float = Field(
+        1.0, ge=0.2, le=1.0, description="tempo to plan at; what flies keeps its own"
+    )
+    slowest: float = Field(
+        1.0, ge=0.2, le=1.0, description="tempo down to which a motion that is too hard is slowed"
+    )
+    feasible: float = Field(
+        0.05, ge=0.0, description="dynamic violation from which on it is too hard [body weights]"
+    )
     iterations: int = Field(40, ge=1, le=500, description="Gauss-Newton steps at most")
+    window_iterations: int = Field(
+        4, ge=1, le=500, description="Gauss-Newton steps at most for a window that goes on"
+    )
     tolerance: float = Field(1e-3, gt=0.0, description="violation at which iterations may end")
+
+    @model_validator(mode="after")
+    def _no_contradiction(self) -> Self:
+        if self.slowest < 1.0 and self.slowest > self.time_scale:
+            raise ValueError(
+                f"slowest {self.slowest} is faster than time_scale {self.time_scale}, the tempo "
+                "to begin with: lower one or raise the other"
+            )
+        return self
 
     def cone(self, robot: Robot) -> ConeOptions:
         """Limits of the wrench that the ground can give."""

@@ -44,6 +44,7 @@ class Weights(NamedTuple):
         posture: (30,) on x itself.
         acceleration: (30,) on ẍ beside the reference's.
         damping: (30,) on ẍ itself.
+        ending: On the control points at the end.
     """
 
     keypoint: float
@@ -51,6 +52,7 @@ class Weights(NamedTuple):
     posture: Array
     acceleration: Array
     damping: Array
+    ending: float
 
 
 class Evaluation(NamedTuple):
@@ -104,6 +106,8 @@ class Problem:
         cones: The wrench cones whose rows ``wrench`` are.
         split: How the feet share the wrench, for the torques.
         weights: See :class:`Weights`.
+        fixed: How many leading control points stay as they are.
+        ending: (3, 30) last control points to come near to, where the motion goes on with them.
     """
 
     robot: Robot
@@ -117,6 +121,8 @@ class Problem:
     cones: Cones
     split: Split
     weights: Weights
+    fixed: int = 0
+    ending: Array | None = None
 
     def evaluate(self, control: Array) -> Evaluation:
         """The problem at control points (K, 30)."""
@@ -149,6 +155,10 @@ class Problem:
         hessian[:, range(30), range(30)] += w.posture**2
         band = spline.zero_band(self.basis.points, 30)
         spline.add_blocks(band, self.basis, hessian, rows=0, columns=0)
+        if self.ending is not None:
+            end = len(self.ending)
+            total[-end:] += w.ending**2 * (control[-end:] - self.ending)
+            band[-30 * end :, 0] += w.ending**2
         smooth = np.tile(w.acceleration**2 + w.damping**2, (T, 1))
         spline.add_diagonal(band, self.basis, smooth, 2)
         of_pose = np.concatenate(
@@ -198,6 +208,9 @@ class Problem:
         astray = x - self.target, xdd - self.target_acceleration
         parts = residual, w.posture * astray[0], w.acceleration * astray[1], w.damping * xdd
         objective = 0.5 * sum(float(np.sum(part**2)) for part in parts)
+        if self.ending is not None:
+            away = control[-len(self.ending) :] - self.ending
+            objective += 0.5 * w.ending**2 * float(np.sum(away**2))
         at = Evaluation(objective, values, samples.wrench, points)
         return _Look(at, (x, xd, xdd), samples, apart, of_torque, residual, astray)
 
@@ -214,15 +227,15 @@ class _Look(NamedTuple):
     astray: tuple[Array, Array]
 
 
-def rest_at_both_ends(basis: spline.Basis) -> spline.Basis:
-    """The basis of trajectories with ẋ = ẍ = 0 at both ends.
+def at_rest(basis: spline.Basis, start: bool, end: bool) -> spline.Basis:
+    """The basis of trajectories with ẋ = ẍ = 0 at the start, at the end, or both.
 
-    The first three and the last three control points are one each, which makes value,
-    velocity and acceleration at the outer knots those of a constant; the two that are left
-    for three neighbours each are the first and the last of the K − 4 points of this basis.
+    Where the three control points at an end are one, value, velocity and acceleration at the
+    outer knot are those of a constant; so at each such end there are two points fewer.
     """
-    count = basis.points - 4
-    index = np.clip(basis.first[:, None] + np.arange(spline.ORDER) - 2, 0, count - 1)
+    skipped = 2 * start
+    count = basis.points - skipped - 2 * end
+    index = np.clip(basis.first[:, None] + np.arange(spline.ORDER) - skipped, 0, count - 1)
     first = np.minimum(index[:, 0], count - spline.ORDER)
     weights = np.zeros_like(basis.weights)
     rows = np.arange(len(first))

@@ -32,7 +32,7 @@ def planned_reference(
     Args:
         robot: The robot.
         reference: The kinematic reference.
-        padded: The same with standing time at its ends.
+        padded: The same at its tempo, with standing time at its ends.
         basis: Spline basis at the padded frames.
         control: (K, 30) control points.
         options: Options of the plan.
@@ -64,6 +64,7 @@ def planned_reference(
             outside(wrench_cones(placed, loaded, hard), samples.wrench).max()
         ),
         "distance_to_raw": float(away.mean()),
+        "time_scale": reference.duration / float(np.ptp(padded.time[padded.kept])),
         "stance_drift": float(
             np.max(np.linalg.norm(corners - placed, axis=-1)[padded.contact], initial=0.0)
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from robomirror_drake.optimization.plan_penalty import Rows
 from robomirror_drake.optimization.plan_problem import (
     Problem,
     Weights,
-    rest_at_both_ends,
+    at_rest,
 )
 from robomirror_drake.optimization.plan_schedule import (
     loaded_corners,
@@ -30,11 +31,28 @@ from robomirror_drake.optimization.plan_schedule import (
     steady,
 )
 from robomirror_drake.optimization.plan_solver import Standing
+from robomirror_drake.optimization.plan_tempo import continuous, slowed
 from robomirror_drake.optimization.plan_torque import Split
 from robomirror_drake.robot import Robot
 
 _INSET = 2e-3  # of joint limits, as a soft bound may be overrun a little [rad]
 _AT_REST = 0.2  # speeds below this are rest [m/s, rad/s]
+
+
+class Knots(NamedTuple):
+    """Where the knots of a plan are, and at which of its two ends it rests."""
+
+    spacing: float
+    intervals: int
+    rest: tuple[bool, bool] = (True, True)
+
+    def free(self, time: Array) -> spline.Basis:
+        """The basis at times [s], with no regard to the ends."""
+        return spline.basis(time, self.spacing, self.intervals + spline.ORDER - 1)
+
+    def basis(self, time: Array) -> spline.Basis:
+        """The basis of the plan's control points."""
+        return at_rest(self.free(time), *self.rest)
 
 
 class Padded(NamedTuple):
@@ -72,26 +90,28 @@ def time_step(reference: RobotReference) -> float:
     return float(reference.duration / len(steps))
 
 
-def pad(robot: Robot, reference: RobotReference, options: PlanOptions) -> Padded:
-    """Adds standing time at an end where the reference moves or has a foot in the air.
+def pad(
+    robot: Robot, reference: RobotReference, options: PlanOptions, tempo: float = 1.0
+) -> Padded:
+    """Slows a reference down, and adds standing time where it is cut in mid-motion.
+
+    That is at an end where it moves or has a foot in the air.
 
     Raises:
         PlanningError: See :func:`time_step`.
     """
-    dt = time_step(reference)
-    q = reference.q.copy()
-    flips = np.sum(q[1:, :4] * q[:-1, :4], axis=1) < 0.0
-    q[1:, :4] *= np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)[:, None]
-
+    dt, q = time_step(reference), reference.q
     soles = Frames.of(robot)
     still = np.zeros_like(q)
     pose = centroidal.sample(robot, soles.links, q, still, still, derivatives=False)
     corners = soles.points(pose.links)[:, :8].reshape(-1, 2, 4, 3)
     shortest = round(options.shortest_phase / dt)
     own = steady(reference.contact, corners, reference.a[:, 5], shortest)
+    moving = slowed(replace(reference, contact=own), tempo)
+    q, own = continuous(moving.q), moving.contact
     frames = round(options.lead / dt)
     before, after = (
-        0 if np.abs(reference.v[cut]).max() < _AT_REST and own[cut].all() else frames
+        0 if np.abs(moving.v[cut]).max() < _AT_REST and own[cut].all() else frames
         for cut in (0, -1)
     )
     count = before + len(q) + after
@@ -114,10 +134,9 @@ def limits(robot: Robot, options: PlanOptions) -> tuple[Array, Array]:
     return np.concatenate([-free, lower]), np.concatenate([free, upper])
 
 
-def first_guess(padded: Padded, spacing: float, intervals: int) -> Array:
-    """(K − 4, 30) control points at rest at both ends, nearest to the reference."""
-    free = spline.basis(padded.time, spacing, intervals + 3)
-    return spline.fit(rest_at_both_ends(free), padded.q)
+def first_guess(padded: Padded, knots: Knots) -> Array:
+    """(K, 30) control points nearest to the reference."""
+    return spline.fit(knots.basis(padded.time), padded.q)
 
 
 def picked_frames(contact: BoolArray, stride: int) -> npt.NDArray[np.int64]:
@@ -128,13 +147,13 @@ def picked_frames(contact: BoolArray, stride: int) -> npt.NDArray[np.int64]:
 
 
 def problem(
-    robot: Robot, padded: Padded, spacing: float, intervals: int, options: PlanOptions
+    robot: Robot, padded: Padded, knots: Knots, options: PlanOptions
 ) -> tuple[Problem, Standing]:
     """The least-squares problem of a plan, and its contacts."""
     picked = picked_frames(padded.contact, options.stride)
     time = padded.time[picked]
-    free = spline.basis(time, spacing, intervals + 3)
-    fitted = spline.fit(spline.basis(padded.time, spacing, intervals + 3), padded.q)
+    free = knots.free(time)
+    fitted = spline.fit(knots.free(padded.time), padded.q)
     target, rate, surge = (spline.evaluate(free, fitted, order) for order in range(3))
     looked_at = Frames.of(robot)
     kinematic = centroidal.sample(robot, looked_at.links, target, rate, surge, derivatives=False)
@@ -160,7 +179,7 @@ def problem(
     share = np.full((len(time), 23), options.speed_share)
     unlimited = np.full((len(time), 23), np.inf)
     apart = np.full((len(time), len(looked_at.capsules.pairs)), options.self_distance)
-    basis = rest_at_both_ends(free)
+    basis = knots.basis(time)
     low, high = (np.tile(bound, (basis.points, 1)) for bound in limits(robot, options))
     made = Problem(
         robot=robot,
@@ -187,6 +206,7 @@ def problem(
             posture=np.concatenate([np.zeros(4), np.full(26, 0.1)]),
             acceleration=np.full(30, 1e-2),
             damping=np.full(30, 3e-4),
+            ending=30.0,
         ),
     )
     return made, standing

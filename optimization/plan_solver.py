@@ -15,6 +15,7 @@ from robomirror_drake.optimization.plan_step import StepModel
 from robomirror_drake.optimization.plan_torque import split_of
 
 _CONTINUATION = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+WARM = 4  # level at which to begin with a good guess
 _SPLITS = (2, 5)  # levels at whose start the feet share the wrench anew
 _PENALTY = {
     "wrench": Penalty(30.0, 2e-3),
@@ -43,6 +44,7 @@ class Standing(NamedTuple):
         cone: Options of the wrench cones.
         torque_share: Of the joints' torque limits that may be planned with.
         slack: (T,) how far outside them the wrench may be.
+        held: (2, 4, 3) where the soles are that stand from the start on [m], if that is given.
     """
 
     contact: BoolArray
@@ -52,6 +54,7 @@ class Standing(NamedTuple):
     cone: ConeOptions
     torque_share: float
     slack: Array
+    held: Array | None = None
 
 
 class Solution(NamedTuple):
@@ -63,10 +66,35 @@ class Solution(NamedTuple):
     iterations: int
 
 
+def placed_feet(problem: Problem, standing: Standing, corners: Array) -> Array:
+    """(T, 2, 4, 3) anchors of the soles, of which the first phase's are where they are held."""
+    sole = problem.robot.sole_corners
+    placed = anchors(corners, standing.contact, sole, standing.path)
+    if standing.held is None:
+        return placed
+    for foot in range(2):
+        stands: BoolArray = np.asarray(standing.contact[:, foot].any(axis=1))
+        if stands[0]:
+            end = len(stands) if stands.all() else int(np.argmin(stands))
+            placed[:end, foot] = moved_onto(placed[:end, foot], standing.held[foot])
+    return placed
+
+
+def moved_onto(phase: Array, held: Array) -> Array:
+    """(T, 4, 3) corners moved and turned on the floor so that the first are where ``held`` is."""
+    middle, there = phase[0, :, :2].mean(axis=0), held[:, :2].mean(axis=0)
+    a, b = phase[0, 0, :2] - middle, held[0, :2] - there
+    angle = np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+    c, s = np.cos(angle), np.sin(angle)
+    moved = phase.copy()
+    moved[..., :2] = there + (phase[..., :2] - middle) @ np.array([[c, s], [-s, c]])
+    return moved
+
+
 def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
     """The problem with its stance rows and cones at the mean poses of the soles in ``points``."""
     corners = points[:, :8].reshape(-1, 2, 4, 3)
-    placed = anchors(corners, standing.contact, problem.robot.sole_corners, standing.path)
+    placed = placed_feet(problem, standing, corners)
     stands = standing.contact[..., None]
     air = np.full_like(placed, -np.inf)
     air[..., 2] = standing.least
@@ -84,7 +112,7 @@ def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
 def shared(problem: Problem, standing: Standing, at: Evaluation) -> Problem:
     """The problem with torques for the split of the wrench that is needed at ``at``."""
     corners = at.points[:, :8].reshape(-1, 2, 4, 3)
-    placed = anchors(corners, standing.contact, problem.robot.sole_corners, standing.path)
+    placed = placed_feet(problem, standing, corners)
     split = split_of(at.wrench, placed, standing.loaded, standing.cone)
     most = np.full_like(problem.rows["torque"].upper, standing.torque_share)
     return replace(problem, split=split, rows={**problem.rows, "torque": Rows(-most, most)})
@@ -98,6 +126,7 @@ def solve(
     *,
     iterations: int,
     tolerance: float,
+    level: int = 0,
 ) -> Solution:
     """Solves a plan from a first guess by the method of Levenberg and Marquardt.
 
@@ -110,14 +139,19 @@ def solve(
         limits: (30,), (30,) bounds of the control points, and so of the trajectory.
         iterations: Most linearizations.
         tolerance: Constraint violation at which the iterations end.
+        level: Of the continuation at which to begin; ``WARM`` with a good guess.
 
     Raises:
         PlanningError: The Gauss–Newton matrix could not be factorized.
     """
-    control = np.clip(control, *limits)
-    problem = anchored(problem, standing, problem.target_points)
+    fixed = control[: problem.fixed]
+    control = np.concatenate([fixed, np.clip(control[len(fixed) :], *limits)])
+    start = problem.evaluate(control)
+    problem = anchored(problem, standing, start.points if level > 0 else problem.target_points)
+    if level >= _SPLITS[0]:
+        problem = shared(problem, standing, start)
     multipliers = {name: np.zeros_like(problem.rows[name].lower) for name in GROUPS}
-    level, last, updates = 0, len(_CONTINUATION) - 1, 0
+    last, updates = len(_CONTINUATION) - 1, 0
     damping, growth = _DAMPING, 2.0
     at = problem.linearize(control)
     taken = 0
@@ -150,7 +184,7 @@ def solve(
             problem = shared(problem, standing, reached)
             updates += 1
         at = problem.linearize(control)
-    control = np.clip(control, *limits)
+    control = np.concatenate([fixed, np.clip(control[len(fixed) :], *limits)])
     return Solution(control, problem.evaluate(control), problem, taken)
 
 

@@ -53,14 +53,12 @@ class StepModel:
         at: Its linearization.
         penalty: Of each group of rows.
         multipliers: λ of each group's equalities.
-        fixed: How many leading control points stay as they are.
     """
 
     problem: Problem
     at: Linearization
     penalty: dict[str, Penalty]
     multipliers: dict[str, Array]
-    fixed: int = 0
 
     def terms(self, values: dict[str, Array]) -> Terms:
         """What each group of rows costs at given values."""
@@ -95,7 +93,7 @@ class StepModel:
             gradient = slope.ravel() + bent
             band += at.band
             band[:, 0] += damping * inertia + 1e-6
-            first = n * self.fixed
+            first = n * self.problem.fixed
             way = np.zeros_like(gradient)
             try:
                 factor = spline.factorize(band[first:])

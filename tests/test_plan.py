@@ -21,12 +21,12 @@ from robomirror_drake.optimization.plan_contacts import (
 )
 from robomirror_drake.optimization.plan_forces import share_wrench
 from robomirror_drake.optimization.plan_penalty import Penalty, Rows, bound_terms
-from robomirror_drake.optimization.plan_problem import GROUPS, Problem, rest_at_both_ends
+from robomirror_drake.optimization.plan_problem import GROUPS, Problem, at_rest
 from robomirror_drake.optimization.plan_schedule import (
     loaded_corners,
     runs,
 )
-from robomirror_drake.optimization.plan_setup import first_guess, pad, problem
+from robomirror_drake.optimization.plan_setup import Knots, first_guess, pad, problem
 from robomirror_drake.optimization.plan_solver import anchored, shared
 from robomirror_drake.optimization.plan_step import StepModel
 from robomirror_drake.robot import load_robot
@@ -247,10 +247,12 @@ def test_unusable_references_are_refused_with_figures() -> None:
 def posed_problem() -> tuple[Problem, np.ndarray]:
     """A problem with all its rows, and control points off its solution."""
     padded = pad(ROBOT, lifted_foot(), PlanOptions())
-    made, standing = problem(ROBOT, padded, 0.1, 20, PlanOptions())
+    knots = Knots(0.1, 20)
+    made, standing = problem(ROBOT, padded, knots, PlanOptions())
+    control = first_guess(padded, knots)
     made = anchored(made, standing, made.target_points)
-    made = shared(made, standing, made.evaluate(first_guess(padded, 0.1, 20)))
-    control = first_guess(padded, 0.1, 20)
+    made = shared(made, standing, made.evaluate(control))
+    made = replace(made, ending=control[-3:] + 0.1)
     return made, control + 0.02 * np.random.default_rng(5).normal(size=control.shape)
 
 
@@ -290,7 +292,7 @@ def test_gradient_of_the_problem_by_finite_differences() -> None:
 def test_a_step_minimises_its_model() -> None:
     """Nothing near the step costs less in the model, and the fixed points stay."""
     made, control = posed_problem()
-    model = replace(model_of(made, control), fixed=3)
+    model = model_of(replace(made, fixed=3), control)
     step, decrease = model.minimise(1e-3)
     assert decrease > 0.0
     np.testing.assert_array_equal(step[:3], 0.0)
@@ -331,7 +333,7 @@ def test_bound_terms_by_finite_differences() -> None:
 
 def test_rest_basis_reaches_every_sample_with_unit_weight() -> None:
     time = np.linspace(0.0, 2.0, 81)
-    made = rest_at_both_ends(spline.basis(time, 0.1, 23))
+    made = at_rest(spline.basis(time, 0.1, 23), True, True)
     np.testing.assert_allclose(made.weights[0].sum(axis=1), 1.0, atol=1e-12)
     np.testing.assert_allclose(made.weights[1].sum(axis=1), 0.0, atol=1e-9)
     assert made.first.min() == 0

@@ -1,0 +1,152 @@
+"""Dynamic planning of one window of a motion that goes on, for a loop that plans anew.
+
+A window starts in a given state of motion and need not end at rest. Its knots continue those
+of the window before, so that three kept control points make it go on from that with equal
+position, velocity and acceleration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from robomirror_drake.messages import Array, RobotReference
+from robomirror_drake.optimization import centroidal, spline
+from robomirror_drake.optimization.plan_frames import Frames
+from robomirror_drake.optimization.plan_options import PlanOptions
+from robomirror_drake.optimization.plan_result import planned_reference
+from robomirror_drake.optimization.plan_setup import (
+    Knots,
+    Padded,
+    first_guess,
+    limits,
+    problem,
+    time_step,
+)
+from robomirror_drake.optimization.plan_solver import WARM, solve
+from robomirror_drake.optimization.plan_tempo import chart_acceleration, chart_rate, continuous
+from robomirror_drake.robot import Robot
+
+_KEPT = spline.ORDER - 1  # control points that give position, velocity and acceleration
+
+
+class State(NamedTuple):
+    """A state of motion in Drake's order: q (30,), v (29,), a (29,)."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+class Warm(NamedTuple):
+    """The window before, from which a new one goes on.
+
+    Attributes:
+        control: (K, 30) its control points.
+        shift: By how many knots the new window begins later.
+    """
+
+    control: Array
+    shift: int
+
+
+class PlannedWindow(NamedTuple):
+    """The plan of a window, and its control points (K, 30) for the next one."""
+
+    reference: RobotReference
+    control: Array
+
+
+def plan_window(
+    robot: Robot,
+    window: RobotReference,
+    start: State | Warm,
+    options: PlanOptions | None = None,
+    *,
+    last: bool = False,
+) -> PlannedWindow:
+    """The dynamically consistent motion nearest to a window, from where the robot is.
+
+    Args:
+        robot: The robot.
+        window: Kinematic reference at a constant rate, whose contacts are believed as they are.
+            A foot that stands at its start stands on where it is.
+        start: The state at the window's start, or the window before.
+        options: See :class:`PlanOptions`; the tempo is left as it is.
+        last: Whether the motion ends with the window, at rest.
+
+    Raises:
+        PlanningError: See :func:`~robomirror_drake.optimization.plan.plan_dynamics`.
+    """
+    options = options or PlanOptions()
+    padded, knots = _laid_out(window, options.knot_spacing, last)
+    guess = first_guess(padded, knots)
+    ending = None if last else guess[-_KEPT:].copy()
+    if isinstance(start, Warm):
+        guess = _continued(guess, start)
+        if ending is not None and ending[-1, :4] @ guess[-1, :4] < 0.0:
+            ending[:, :4] *= -1.0
+        iterations, level = options.window_iterations, WARM
+    else:
+        guess[:_KEPT] = _leading(start, knots.spacing, padded.q[0])
+        iterations, level = options.iterations, 0
+    made, standing = problem(robot, padded, knots, options)
+    x = spline.evaluate(knots.basis(padded.time[:1]), guess)
+    frames = Frames.of(robot)
+    links = centroidal.sample(robot, frames.links, x, 0 * x, 0 * x, derivatives=False).links
+    solution = solve(
+        replace(made, fixed=_KEPT, ending=ending),
+        standing._replace(held=frames.points(links)[0, :8].reshape(2, 4, 3)),
+        guess,
+        limits(robot, options),
+        iterations=iterations,
+        tolerance=options.tolerance,
+        level=level,
+    )
+    plan = planned_reference(
+        robot, window, padded, knots.basis(padded.time), solution.control, options
+    )
+    return PlannedWindow(
+        plan, np.concatenate([solution.control, solution.control[-1:].repeat(2 * last, 0)])
+    )
+
+
+def _laid_out(window: RobotReference, spacing: float, last: bool) -> tuple[Padded, Knots]:
+    """The window's frames and knots; rest is reached at a knot."""
+    dt = time_step(window)
+    intervals = max(2, int(np.ceil(window.duration / spacing - 1e-9)))
+    more = int(np.ceil(intervals * spacing / dt - 1e-9)) - len(window.q) + 1 if last else 0
+    count = len(window.q) + max(0, more)
+    padded = Padded(
+        time=np.arange(count, dtype=np.float64) * dt,
+        q=np.pad(continuous(window.q), ((0, count - len(window.q)), (0, 0)), mode="edge"),
+        contact=np.pad(window.contact, ((0, count - len(window.q)), (0, 0), (0, 0)), mode="edge"),
+        kept=slice(0, len(window.q)),
+    )
+    return padded, Knots(spacing, intervals, (False, last))
+
+
+def _leading(start: State, spacing: float, near: Array) -> Array:
+    """(3, 30) control points that begin in a state, its quaternion like that of ``near``."""
+    q = start.q.copy()
+    q[:4] *= 1.0 if q[:4] @ near[:4] >= 0.0 else -1.0
+    x, v, a = q[None], start.v[None], start.a[None]
+    xd, xdd = chart_rate(x, v), chart_acceleration(x, v, a)
+    bend = spacing**2 * xdd
+    middle = x - bend / 6.0
+    return np.concatenate(
+        [middle - spacing * xd + bend / 2.0, middle, middle + spacing * xd + bend / 2.0]
+    )
+
+
+def _continued(guess: Array, warm: Warm) -> Array:
+    """Control points of the window before, and what follows moved to where they end."""
+    old = warm.control[warm.shift :][: len(guess)]
+    end = len(old) - 1
+    sign = 1.0 if old[end, :4] @ guess[end, :4] >= 0.0 else -1.0
+    guess = np.concatenate([sign * guess[:, :4], guess[:, 4:]], axis=1)
+    guess[:, 4:6] += old[end, 4:6] - guess[end, 4:6]
+    guess[: len(old)] = old
+    return guess
