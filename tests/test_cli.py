@@ -38,7 +38,7 @@ def test_motions_as_json_has_every_action(monkeypatch, capsys):
     assert robomirror(monkeypatch, "motions", "--json") == 0
     listing = json.loads(capsys.readouterr().out)
     names = {action["name"] for action in listing["actions"]}
-    assert {"walk_forward", "front_kick", "wave", "bow", "squat"} <= names
+    assert {"walk", "front_kick", "wave", "bow", "squat"} <= names
     assert {action["group"] for action in listing["actions"]} == {
         "locomotion",
         "dynamic",

@@ -27,7 +27,7 @@ def test_same_seed_same_bytes_however_many_are_asked_for() -> None:
 def test_candidates_say_where_they_come_from() -> None:
     nominal, drawn = generate(COMMAND, 2, seed=9)
     assert nominal.text == drawn.text == COMMAND
-    assert nominal.source == "generator:walk_forward+wave seed 9 candidate 0"
+    assert nominal.source == "generator:walk+wave seed 9 candidate 0"
     assert drawn.source.endswith("candidate 1")
     assert nominal.style["tempo"] == 1.0
     assert drawn.style != nominal.style
@@ -36,7 +36,7 @@ def test_candidates_say_where_they_come_from() -> None:
 
 def test_recordings_are_named_in_the_provenance() -> None:
     (motion,) = generate("does a karate kick, then walks forward two steps", 1)
-    assert "karate_kick(pybullet:kick)+walk_forward" in motion.source
+    assert "karate_kick(pybullet:kick)+walk" in motion.source
     steps = np.linalg.norm(np.diff(motion.positions, axis=0), axis=-1).max(axis=1)
     assert 60.0 * steps.max() < 14.0  # no jump where the two meet
     assert steps[-3:].max() < 1e-4

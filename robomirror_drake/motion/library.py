@@ -11,24 +11,31 @@ from typing import Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from robomirror_drake.motion.composer import dynamic, expressive, gait
-from robomirror_drake.motion.composer.cue import Cue
+from robomirror_drake.motion.composer import dance, flight, gait, paths
+from robomirror_drake.motion.composer.cue import Cue, hands
+from robomirror_drake.motion.composer.keyed import keyed_actions
+from robomirror_drake.motion.composer.keyed_play import play_keyed
 from robomirror_drake.motion.composer.score import Score
+from robomirror_drake.motion.language.patterns import pattern
 
 Group = Literal["locomotion", "dynamic", "expressive"]
 Side = Literal["left", "right", "both"]
 ActionFunction = Callable[[Score, Cue], None]
 
-_PARAMETRIC: dict[str, ActionFunction] = {
+_WRITTEN: dict[str, ActionFunction] = {
     function.__name__: function
     for function in (
-        gait.walk_forward, gait.walk_backward, gait.walk_sideways, gait.turn, gait.march,
-        dynamic.jump, dynamic.front_kick, dynamic.punch, dynamic.lunge, dynamic.squat,
-        dynamic.deep_squat, dynamic.stand_on_one_leg,
-        expressive.wave, expressive.bow, expressive.raise_arms, expressive.clap,
-        expressive.point, expressive.sway, expressive.stand,
+        gait.walk, gait.walk_backward, gait.side_step, gait.turn, gait.march, gait.jog_in_place,
+        gait.jog, gait.sneak, gait.stride, gait.step_over, gait.climb_step, gait.limp,
+        gait.stagger, gait.cross_step,
+        paths.circle, paths.figure_eight, paths.zigzag, paths.pace,
+        flight.run, flight.skip, flight.jump, flight.hop, flight.leap, flight.jumping_jack,
+        dance.waltz, dance.salsa,
     )
 }  # fmt: skip
+
+
+_SUBJECTS = ("a person", "someone", "the man", "a person", "she", "a figure", "a person", "he")
 
 
 class Action(BaseModel):
@@ -40,29 +47,49 @@ class Action(BaseModel):
     group: Group
     description: str = Field(description="What it is, after 'a person'.")
     side: Side = Field(description="Which side does it when the words leave it open.")
-    arms: bool = Field(False, description="Only the arms move, so it can go along with another.")
-    both_arms: bool = Field(False, description="Holds both arms, whichever side it is done with.")
     clip: tuple[str, ...] = Field((), description="Recorded motions it is played from.")
     words: tuple[str, ...] = Field(min_length=1, description="Regular expressions of its words.")
-    paraphrases: tuple[str, ...] = Field(min_length=8, description="Sentences that mean it.")
+    phrases: tuple[str, ...] = Field(min_length=15, description="What may follow 'a person'.")
+
+    @property
+    def paraphrases(self) -> tuple[str, ...]:
+        """Sentences that mean it, of several people."""
+        return tuple(
+            f"{_SUBJECTS[i % len(_SUBJECTS)]} {phrase}" for i, phrase in enumerate(self.phrases)
+        )
 
     @property
     def sided(self) -> bool:
         """Whether it is done with one side rather than with both."""
         return self.side != "both"
 
+    @property
+    def arms(self) -> bool:
+        """Whether only arms, chest and head move, so that it can go along with another."""
+        keyed = keyed_actions().get(self.name)
+        return keyed is not None and not self.clip and keyed.goes_along
+
+    def arms_held(self, cue: Cue) -> set[str]:
+        """The arms that it holds, of an action that can go along with another."""
+        held = keyed_actions()[self.name].arms if self.arms else "none"
+        return {"none": set[str](), "one": set(hands(cue)), "both": {"left", "right"}}[held]
+
     def perform(self, score: Score, cue: Cue) -> None:
         """Write the action into a score."""
-        _PARAMETRIC[self.name](score, cue)
+        if self.name in _WRITTEN:
+            _WRITTEN[self.name](score, cue)
+        else:
+            play_keyed(score, cue, keyed_actions()[self.name])
 
-    def evidence(self, text: str) -> int:
-        """Length of the longest stretch of ``text`` that one of its words matches."""
-        return max((len(m[0]) for p in _patterns(self.words) for m in p.finditer(text)), default=0)
+    def match(self, text: str) -> str:
+        """The longest stretch of ``text`` that one of its words matches; empty if none does."""
+        found = (m[0] for p in _patterns(self.words) for m in p.finditer(text))
+        return max(found, key=len, default="")
 
 
 @cache
 def _patterns(words: tuple[str, ...]) -> tuple[re.Pattern[str], ...]:
-    return tuple(re.compile(rf"\b(?:{word})(?!\w)") for word in words)
+    return tuple(pattern(word) for word in words)
 
 
 @cache
@@ -70,7 +97,8 @@ def library() -> dict[str, Action]:
     """Every known action by name, in the order of ``assets/actions.yaml``."""
     text = files("robomirror_drake.assets").joinpath("actions.yaml").read_text(encoding="utf-8")
     actions = {name: Action(name=name, **entry) for name, entry in yaml.safe_load(text).items()}
-    lost = [name for name, action in actions.items() if not (name in _PARAMETRIC or action.clip)]
+    moving = _WRITTEN.keys() | keyed_actions().keys()
+    lost = [name for name, action in actions.items() if not (name in moving or action.clip)]
     if lost:
-        raise ValueError(f"actions.yaml: no function and no clip for {', '.join(lost)}")
+        raise ValueError(f"actions.yaml: nothing says how to move for {', '.join(lost)}")
     return actions

@@ -3,44 +3,38 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robomirror_drake.exceptions import InputError, UnknownCommandError
+from robomirror_drake.motion.composer.cue import Cue
 from robomirror_drake.motion.language import quantities
-from robomirror_drake.motion.language.encoder import likeness
+from robomirror_drake.motion.language.fragments import ELLIPSIS, Fragment, fragments
+from robomirror_drake.motion.language.recognise import evident, ranking, recognise, travels
 from robomirror_drake.motion.library import library
 
 MAX_CHARACTERS = 400
 MAX_CLAUSES = 12
-THRESHOLD = 0.60
-"""Least score of an action for a clause to be understood."""
-WORD_BONUS = 0.30
-"""What a word of the action adds to the likeness, and a little more for a longer match."""
 
-# After these a new clause begins, whatever follows.
-_SEQUENCE = re.compile(
-    r"\s*(?:[;!\n]+|\.(?!\d)|,?\s*\b(?:and )?(?:then|after that|afterwards?|next|finally"
-    r"|subsequently|followed by|before|thereafter)\b,?)\s*"
-)
-# After these one begins where the words of an action follow.
-_JOIN = re.compile(r"\s*(?:,\s*and\b|,|\band\b)\s*")
-_WHILE = re.compile(r"\s*,?\s*\b(?:while|simultaneously|at the same time(?: as)?)\b,?\s*")
-_WHILE_FIRST = re.compile(r"^while (?P<second>[^,]+), ?(?P<first>.+)$")
 # What shall not be done; "does not move" is standing.
 _NEGATION = re.compile(
-    r"\b(?:(?:do|does|must|should|will|shall) not|don't|doesn't|mustn't|shouldn't|won't|never)\b"
-    r"(?! (?:move|stir|budge))"
+    r"\b(?:(?:do|does|must|should|will|shall|is|are) not|don't|doesn't|mustn't|shouldn't|won't"
+    r"|isn't|never)\b(?! (?:move|stir|budge|know|do anything))"
 )
-_AFTER = re.compile(r"^(?P<second>.+?),?\s+after (?P<first>\w+ing\b.*)$")
-# The way back to the neutral stance, which every action takes by itself.
-_RECOVERY = re.compile(
-    r"^(?:(?:he|she|they|it) )?(?:(?:stand|get|ris|com|go|return|straighten)\w*)"
-    r"(?: (?:back|up|again|upright|down|to (?:the )?\w+(?: position)?)\b)*(?: again)?$"
+_TURNED_WALK = {"back": "walk_backward", "forw": "walk", "side": "side_step",
+                "left": "side_step", "righ": "side_step"}  # fmt: skip
+# To do these to one side and then the other is what they are.
+_TWO_SIDED = frozenset(
+    {
+        *("look_around", "shake_head", "sway", "zigzag", "twist", "swing_arms", "wave", "dance"),
+        *("stretch", "nod", "wipe", "disco", "salsa", "waltz", "stagger"),
+    }
 )
-_SUBJECT = re.compile(
-    r"^(?:(?:the|a|an|some|one|this|that) )?(?:\w+ )?(?:person|man|woman|human|figure|someone"
-    r"|somebody|he|she|they|boy|girl|robot|character|individual|guy|lady|actor|athlete)"
-    r"(?: (?:is|are|was|starts|begins|continues|wants|keeps))?(?: to)? "
+# Arms that are said to be held somehow belong to these anyway.
+_ARMS_BELONG = frozenset(
+    {
+        *("squat", "deep_squat", "stand_on_one_leg", "jump", "lunge", "leap", "jumping_jack"),
+        *("side_lunge", "dodge", "hop"),
+    }
 )
 
 
@@ -60,7 +54,7 @@ class Clause:
         angle: Angle [rad], positive; None where nothing is said.
         distance: Distance [m], positive; None where nothing is said.
         accompanies: Whether it goes along with the clause before it instead of following it.
-        score: How sure the choice of the action is; at least :data:`THRESHOLD`.
+        score: How sure the choice of the action is, from 0 to 1.
     """
 
     text: str
@@ -89,20 +83,15 @@ def parse(text: str) -> tuple[Clause, ...]:
     command = _checked(text)
     if denied := _NEGATION.search(command):
         raise InputError(f"{denied[0]!r} is not understood; say only what shall be done")
-    if together := _WHILE_FIRST.match(command):
-        command = f"{together['first']} while {together['second']}"
     quantities.refuse_unreadable(command)
-    inverted = _AFTER.match(command)
-    if inverted:
-        command = f"{inverted['first']} then {inverted['second']}"
     clauses: list[Clause] = []
-    for part in _SEQUENCE.split(command):
-        for piece in _pieces(part):
-            clauses.extend(_simultaneous(piece))
+    for fragment in fragments(command, evident, travels):
+        clauses = _extended(clauses, fragment)
+    clauses = _without_idle_start(clauses)
     if len(clauses) > MAX_CLAUSES:
         raise InputError(f"{len(clauses)} actions in one command; give {MAX_CLAUSES} at most")
     if not clauses:
-        raise InputError(f"{text!r} names no action")
+        raise UnknownCommandError(command, list(ranking(command))[:3])
     return tuple(clauses)
 
 
@@ -121,54 +110,96 @@ def _checked(text: str) -> str:
     return plain
 
 
-def _pieces(part: str) -> list[str]:
-    """Split at commas and 'and' where an action's words stand on both sides."""
-    pieces: list[str] = []
-    for fragment in _JOIN.split(part):
-        if not fragment or (pieces and _RECOVERY.match(fragment)):
-            continue
-        if pieces and not (_has_evidence(fragment) and _has_evidence(pieces[-1])):
-            pieces[-1] = f"{pieces[-1]} and {fragment}"
-        else:
-            pieces.append(fragment)
-    return pieces
+def _extended(clauses: list[Clause], fragment: Fragment) -> list[Clause]:
+    """The clauses with what a fragment says."""
+    if clauses and fragment.relation == "follows" and ELLIPSIS.match(fragment.text):
+        return _again(clauses, fragment.text)
+    clause = _clause(fragment.text)
+    if clauses and fragment.close and _same(clauses[-1], clause):
+        return [*clauses[:-1], replace(clauses[-1], side=clauses[-1].side or clause.side)]
+    if clause.action == "walk_backward" and _turned(clauses) and _BACK.search(clause.text):
+        clause = replace(clause, action="walk")
+    if fragment.relation == "follows" or not clauses:
+        return [*clauses, clause]
+    if fragment.relation == "manner" and not _free_arms(clauses[-1].action):
+        return clauses
+    return _together(clauses, clause)
 
 
-def _has_evidence(fragment: str) -> bool:
-    return any(action.evidence(fragment) for action in library().values())
+def _free_arms(action: str) -> bool:
+    """Whether what the arms do beside an action is worth a clause of its own."""
+    held = library()[action].arms_held(Cue(side="both"))
+    return not held and action not in _ARMS_BELONG
 
 
-def _simultaneous(piece: str) -> list[Clause]:
-    """The clauses of a piece: first what carries the body, then the gestures that go along."""
-    parts = [_clause(part) for part in _WHILE.split(piece) if part.strip()]
-    if len(parts) < 2:
-        return parts
-    carriers = [clause for clause in parts if not library()[clause.action].arms]
-    gestures = [clause for clause in parts if library()[clause.action].arms]
-    if not carriers:
-        carriers, gestures = gestures[:1], gestures[1:]
-    recorded = any(library()[c.action].clip for c in carriers)
-    if len(carriers) > 1 or recorded:
-        raise InputError(
-            f"{piece!r}: {' and '.join(c.action for c in parts)} cannot be done at the same time;"
-            " say 'then' between them, or let only a gesture of the arms go along"
-        )
-    return carriers + [_accompanying(clause) for clause in gestures]
+def _same(last: Clause, clause: Clause) -> bool:
+    """Whether a clause says the last one over again in other words: "leans back to dodge"."""
+    return (
+        clause.action == last.action
+        and (clause.side == last.side or None in (clause.side, last.side))
+        and clause.count is None
+        and not _MORE.search(clause.text)
+        and last.action not in ("walk", "turn")
+    )
 
 
-def _accompanying(clause: Clause) -> Clause:
-    return Clause(**{**vars(clause), "accompanies": True})
+def _turned(clauses: list[Clause]) -> bool:
+    return any(clause.action in ("turn", "spin") for clause in clauses)
+
+
+def _again(clauses: list[Clause], text: str) -> list[Clause]:
+    """The last action once more, as a fragment without an action of its own says."""
+    last = clauses[-1]
+    said = _clause_of(text, last.action, last.score)
+    if last.action in _TWO_SIDED:
+        return [*clauses[:-1], replace(last, side=None)]
+    action = last.action
+    if action in ("walk", "walk_backward", "side_step"):
+        turned = next((v for k, v in _TURNED_WALK.items() if re.search(rf"\b{k}", text)), action)
+        action = turned
+    return [*clauses, replace(said, action=action, group=library()[action].group)]
+
+
+def _together(clauses: list[Clause], clause: Clause) -> list[Clause]:
+    """A clause that goes along with the one before: what carries the body comes first."""
+    *before, carrier = clauses
+    if carrier.action == "stand":
+        return [*before, replace(clause, accompanies=carrier.accompanies)]
+    if clause.action == "stand":
+        return clauses
+    arms, others = library()[clause.action].arms, library()[carrier.action].arms
+    if arms and not library()[carrier.action].clip:
+        return [*clauses, replace(clause, accompanies=True)]
+    if others and not carrier.accompanies and not library()[clause.action].clip:
+        return [*before, clause, replace(carrier, accompanies=True)]
+    raise InputError(
+        f"{carrier.action} and {clause.action} cannot be done at the same time;"
+        " say 'then' between them, or let only a gesture of the arms go along"
+    )
+
+
+_MORE = re.compile(r"\b(?:again|another|more|second|once|also)\b")
+_BACK = re.compile(r"\bback\b")
+_STILL = re.compile(r"still|wait|paus|moment|while|second|idle|motionless|not |freez|nothing|rest")
+
+
+def _without_idle_start(clauses: list[Clause]) -> list[Clause]:
+    """Without "a person is standing" where more follows: that is how every motion begins."""
+    kept = [c for c in clauses if c.action != "stand" or _STILL.search(c.text)]
+    return kept or clauses
 
 
 def _clause(text: str) -> Clause:
-    text = text.strip()
-    name, score = _recognise(text)
-    action = library()[name]
+    action, score = recognise(text)
+    return _clause_of(text, action, score)
+
+
+def _clause_of(text: str, action: str, score: float) -> Clause:
     return Clause(
         text=text,
-        action=name,
-        group=action.group,
-        side=quantities.side_of(text),
+        action=action,
+        group=library()[action].group,
+        side=_side(text, action),
         count=quantities.count_of(text),
         speed=quantities.speed_of(text),
         tempo=quantities.tempo_of(text),
@@ -179,22 +210,19 @@ def _clause(text: str) -> Clause:
     )
 
 
+def _side(text: str, action: str) -> str | None:
+    side = quantities.side_of(text)
+    both = {"left", "right"} <= set(re.findall(r"\bleft\b|\bright\b", text))
+    if action in _TWO_SIDED and both:
+        return None
+    if action == "stand_on_one_leg" and side in ("left", "right"):
+        if found := re.search(r"\bon (?:\w+ )?(left|right)\b", text):
+            return found[1]
+        if re.search(r"\b(?:lift|rais|hold)\w* (?:\w+ ){0,2}(?:leg|foot)", text):
+            return "right" if side == "left" else "left"  # the other one stands
+    return side
+
+
 def scores(text: str) -> dict[str, float]:
-    """How well each action fits a clause, best first: likeness of meaning plus its words."""
-    stripped = quantities.without_quantities(text)
-    stripped = _SUBJECT.sub("", f"{stripped} ").strip()
-    alike = likeness(f"a person {stripped}")
-    total = {}
-    for name, action in library().items():
-        matched = action.evidence(text)
-        bonus = WORD_BONUS + 0.012 * min(matched, 20) if matched else 0.0
-        total[name] = alike[name] + bonus
-    return dict(sorted(total.items(), key=lambda item: -item[1]))
-
-
-def _recognise(text: str) -> tuple[str, float]:
-    ranking = scores(text)
-    best = next(iter(ranking))
-    if ranking[best] < THRESHOLD:
-        raise UnknownCommandError(text, list(ranking)[:3])
-    return best, ranking[best]
+    """How well each action fits a clause, best first."""
+    return ranking(text)

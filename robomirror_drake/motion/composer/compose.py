@@ -11,7 +11,7 @@ import numpy as np
 
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.composer.cue import Cue, Style, hands, other
+from robomirror_drake.motion.composer.cue import Cue, Style, other
 from robomirror_drake.motion.composer.perform import perform
 from robomirror_drake.motion.composer.score import Score
 from robomirror_drake.motion.ground import heading
@@ -106,10 +106,7 @@ def _write(score: Score, clause: Clause, gestures: list[Clause], style: Style) -
 
 def _arms_of(clause: Clause, cue: Cue) -> set[str]:
     """The arms that an action of the arms holds."""
-    action = library()[clause.action]
-    if not action.arms:
-        return set()
-    return {"left", "right"} if action.both_arms else set(hands(cue))
+    return library()[clause.action].arms_held(cue)
 
 
 def clip_of(clause: Clause, style: Style) -> str | None:

@@ -87,6 +87,17 @@ class Score:
     )
     load: float = 0.5
     _moves: list[tuple[int, float, float, Array]] = field(default_factory=list)
+    _settled: Array = field(default_factory=lambda: np.zeros(len(CHANNELS)))
+
+    def settled(self, channel: str) -> float:
+        """What a channel comes to after all its moves so far, over its neutral value."""
+        return float(self._settled[CHANNEL_INDEX[channel]])
+
+    def to(self, channel: str, value: float, start: float, end: float) -> None:
+        """Move a channel, from where its moves so far leave it, to ``value`` over neutral."""
+        delta = value - self.settled(channel)
+        if abs(delta) > 1e-9:
+            self.move(channel, delta, start, end)
 
     def move(self, channel: str, delta: float, start: float, end: float) -> None:
         """Add a minimum-jerk move by ``delta`` between two times."""
@@ -95,6 +106,7 @@ class Score:
     def curve(self, channel: str, coefficients: Array, start: float, end: float) -> None:
         """Add a quintic in normalised time; before and after, it holds its end values."""
         self._moves.append((CHANNEL_INDEX[channel], start, end, coefficients))
+        self._settled[CHANNEL_INDEX[channel]] += coefficients.sum()
 
     def pulse(self, channel: str, delta: float, start: float, top: float, end: float) -> None:
         """Go by ``delta`` and come back."""
@@ -106,7 +118,9 @@ class Score:
         self.move("load", left_share - self.load, start, end)
         self.load = left_share
 
-    def swing(self, side: str, to: Footprint, start: float, end: float, height: float) -> None:
+    def swing(
+        self, side: str, to: Footprint, start: float, end: float, height: float, heel: float = 0.15
+    ) -> None:
         """Lift a foot, carry it and set it down; it leaves and meets the floor vertically."""
         was, duration = self.feet[side], end - start
         for name, delta in (("x", to.x - was.x), ("y", to.y - was.y), ("yaw", to.yaw - was.yaw)):
@@ -116,7 +130,7 @@ class Score:
                 )
         self.pulse(f"{side}_foot_z", height, start, 0.5 * (start + end), end)
         # The heel leaves first; the toe is clear of the floor all the while.
-        self.pulse(f"{side}_foot_heel", 0.15, start, start + 0.4 * duration, start + 0.8 * duration)
+        self.pulse(f"{side}_foot_heel", heel, start, start + 0.4 * duration, start + 0.8 * duration)
         self.feet[side] = to
 
     def center(self) -> Footprint:

@@ -33,7 +33,12 @@ _SPEED = re.compile(
 )
 _ANGLE = re.compile(rf"{_NUMBER}\s*[- ]?(?:degrees?\b|deg\b|°)")
 _DISTANCE = re.compile(rf"{_NUMBER}\s*[- ]?(meters?|metres?|m|centimeters?|centimetres?|cm|feet)\b")
-_DURATION = re.compile(rf"{_NUMBER}\s*[- ]?(?:seconds?|secs?|s|minutes?|mins?|hours?|days?)\b")
+_DURATION = re.compile(
+    rf"{_NUMBER}[- ]+(?:seconds?|secs?|minutes?|mins?|hours?|days?)\b|\b\d+(?:[.,]\d+)? ?s\b"
+)
+_VAGUE = re.compile(
+    r"\b(?:for )?(?:a few|several|a couple of|some|a) (?:seconds?|minutes?|moments?)\b"
+)
 _LARGE = re.compile(r"\b(?:hundreds|thousands?|millions?|billions?|dozens)\b")
 _TURN_WORDS: tuple[tuple[str, float], ...] = (
     (r"three[- ]quarter", 270.0),
@@ -46,6 +51,10 @@ _COUNT = re.compile(
     rf"{_NUMBER}[ -](?!(?:of|hands?|arms?|legs?|foot|feet|fists?|knees?|side|moment|m[ae]n|persons?"
     r"|people|while|little|half|quarter)\b(?! ?-?step))(?:\w+[ -]){0,2}?"
     r"(?:times?|steps?|strides?|paces|reps|repetitions|rounds|\w+s)\b"
+)
+_SINGLE = re.compile(
+    r"\bone (?:(?:more|big|small|single|quick|high|low|deep|left|right) )*"
+    r"(?:step|stride|jump|clap|bow|kick|punch|jab|squat|hop|lunge|leap|nod|wave|spin|turn|stomp|round)\b"
 )
 _TIMES = re.compile(r"\b(once|twice|thrice)\b")
 
@@ -79,7 +88,7 @@ def _within(value: float, low: float, high: float, unit: str, text: str) -> floa
 
 def refuse_unreadable(text: str) -> None:
     """Raises InputError for what would otherwise be dropped in silence."""
-    text = _SPEED.sub(" ", text)
+    text = _VAGUE.sub(" ", _SPEED.sub(" ", text))
     if found := _DURATION.search(text):
         raise InputError(f"{found[0]!r}: durations are not understood; give a count or a distance")
     if found := _LARGE.search(text):
@@ -88,7 +97,8 @@ def refuse_unreadable(text: str) -> None:
 
 def side_of(text: str) -> str | None:
     """``left``, ``right`` or ``both``."""
-    if re.search(r"\b(both|two) (?:\w+ )?(?:hands|arms|fists)", text):
+    if re.search(r"\b(?:(?:both|two) (?:of )?(?:\w+ )?(?:hands|arms|fists|legs|sides)"
+                 r"|left and (?:the )?right \w+|right and (?:the )?left \w+)", text):  # fmt: skip
         return "both"
     found = re.search(r"\b(left|right|counter-?clockwise|anti-?clockwise|clockwise)\b", text)
     if found is None:
@@ -132,9 +142,10 @@ def count_of(text: str) -> int | None:
         return {"once": 1, "twice": 2, "thrice": 3}[times[1]]
     for unit in (_SPEED, _ANGLE, _DISTANCE):
         text = unit.sub(" ", text)
+    text = _VAGUE.sub(" ", text)
     found = next((m for m in _COUNT.finditer(text) if _counts(m)), None)
     if found is None:
-        return None
+        return 1 if _SINGLE.search(text) else None
     count = _within(_value(found[1]), 1, MAX_COUNT, "repetitions", text)
     if count != int(count):
         raise InputError(f"{found[0]!r}: give a whole number of repetitions")
@@ -143,7 +154,10 @@ def count_of(text: str) -> int | None:
 
 def _counts(found: re.Match[str]) -> bool:
     """Whether a number before a noun counts; an article does only before a step."""
-    return found[1] not in ("a", "an", "one") or found[0].endswith(("step", "time", "stride"))
+    if found[1] not in ("a", "an", "one"):
+        return True
+    named = re.search(r"(?:box|side|waltz|salsa|dance|cross|grapevine|basic|mambo) step$", found[0])
+    return found[0].endswith(("step", "time", "stride")) and not named
 
 
 def tempo_of(text: str) -> float:
