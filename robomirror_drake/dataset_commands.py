@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TextColu
 from rich.progress import Progress as Bars
 from rich.table import Table
 
-from robomirror_drake.terminal import check_file, console, out, write_json
+from robomirror_drake.terminal import check_file, console, out, progress_bars, write_json
 
 if TYPE_CHECKING:
     from robomirror_drake.dataset.generate import Progress
@@ -31,6 +32,42 @@ ExecutionsOption = Annotated[
 ]
 ScenarioOption = Annotated[str, typer.Option(help="Scenario for all that is set elsewhere.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
+
+
+@app.command()
+def prompts(
+    file: Annotated[Path, typer.Option("--out", help="CSV to write.")],
+    count: Annotated[int, typer.Option(min=1, help="How many commands.")] = 9000,
+    seed: SeedOption = 0,
+) -> None:
+    """Write a corpus of commands from the library's actions; takes some minutes.
+
+    Example: robomirror dataset prompts --out assets/prompts/corpus.csv
+    """
+    from robomirror_drake.dataset.corpus import make_corpus
+    from robomirror_drake.dataset.prompts import write_prompts
+
+    check_file(file)
+    with progress_bars() as progress:
+        task = progress.add_task("commands", total=count)
+        corpus = make_corpus(count, seed, lambda done: progress.update(task, completed=done))
+    write_prompts(file, corpus.prompts)
+    refused = corpus.refused.total()
+    out.print(
+        f"{file}: {len(corpus.prompts)} commands; {refused} of {corpus.proposed} proposals were "
+        "not understood as meant",
+        highlight=False,
+    )
+    for name, tallies in (
+        ("group", Counter(prompt.group for prompt in corpus.prompts)),
+        ("split", Counter(prompt.split for prompt in corpus.prompts)),
+        ("origin", Counter(prompt.origin for prompt in corpus.prompts)),
+        ("refused", corpus.refused),
+    ):
+        said = ", ".join(f"{value} {number}" for value, number in tallies.most_common(12))
+        out.print(f"{name}: {said}", highlight=False)
+    for text in corpus.lost:
+        out.print(f"left out: {text}", style="yellow", markup=False, highlight=False)
 
 
 @app.command()
