@@ -8,6 +8,7 @@ import pinocchio as pin
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.dynamics_terms import ControlModel, dynamics_terms, task_motion
+from robomirror_drake.optimization.preview import Preview, steered
 from robomirror_drake.optimization.reference_trajectory import (
     ReferenceTrajectory,
     sample_reference,
@@ -62,6 +63,7 @@ def control_problem(
     last: Stance,
     period: float,
     foot_force: Array | None = None,
+    preview: Preview | None = None,
 ) -> Tick:
     """The QP of one control tick, and the stance to remember for the next.
 
@@ -75,6 +77,7 @@ def control_problem(
         last: The stance of the last tick.
         period: Time since then [s].
         foot_force: (2, 3) of the ground on each foot, in world [N], where it is measured.
+        preview: Feedback of centre of mass and angular momentum, in place of their fixed gains.
     """
     terms = dynamics_terms(robot, memory.robot, q, v)
     wanted = sample_reference(trajectory, time, tuned.options.contact_ramp)
@@ -99,6 +102,9 @@ def control_problem(
         planned=trajectory.planned,
         anchor=stance.anchor,
     )
+    if preview is not None:
+        motion = steered(preview, time, targets.motion, terms.motion)
+        targets = targets._replace(motion=motion)
     return Tick(build_qp(robot, terms, targets, tuned), stance, wanted.load > 0.0)
 
 

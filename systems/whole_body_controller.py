@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
 from robomirror_drake.exceptions import PortError
 from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.dynamics_terms import control_model
+from robomirror_drake.optimization.preview import Preview, PreviewOptions, preview_gains
 from robomirror_drake.optimization.reference_trajectory import (
     ReferenceTrajectory,
     reference_trajectory,
@@ -58,6 +59,12 @@ class ControllerOptions(BaseModel):
     period: float = Field(0.004, gt=0.0, description="of the control loop [s]")
     start: float = Field(0.0, description="time at which the reference begins [s]")
     qp: WholeBodyOptions = WholeBodyOptions()
+    preview: Literal["lqr", "none"] = Field(
+        "lqr",
+        description="what moves centre of mass and angular momentum: a regulator that knows the"
+        " contacts to come, or the fixed gains of their tasks",
+    )
+    lqr: PreviewOptions = PreviewOptions()
     patience: int = Field(
         5, ge=0, description="ticks without a solution for which the last torque is held"
     )
@@ -112,6 +119,11 @@ class WholeBodyController(LeafSystem):
             value_producer=ValueProducer(allocate=Value[object], calc=self._calc_trajectory),
             prerequisites_of_calc={self._reference_port.ticket()},
         )
+        self._preview = self.DeclareCacheEntry(
+            description="preview",
+            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_preview),
+            prerequisites_of_calc={self._reference_port.ticket()},
+        )
         # In the Context, since a system written in Python outlives its diagram: Drake's
         # bindings never let go of it.
         self._scratch = self.DeclareCacheEntry(
@@ -138,17 +150,32 @@ class WholeBodyController(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(self._options.period, 0.0, self._update)
 
-    def _calc_trajectory(self, context: Context, value: AbstractValue) -> None:
+    def _reference_of(self, context: Context) -> RobotReference:
         reference = expect(self._reference_port.Eval(context), RobotReference, "reference")
         positions, wanted = reference.q.shape[1], self._robot.model.nq
         if positions != wanted:
             robot = f"{wanted}, as robot {self._robot.spec.name!r} has"
             raise PortError("reference", f"a reference with {positions} positions", robot)
-        value.set_value(reference_trajectory(self._robot, reference))
+        return reference
+
+    def _calc_trajectory(self, context: Context, value: AbstractValue) -> None:
+        value.set_value(reference_trajectory(self._robot, self._reference_of(context)))
+
+    def _calc_preview(self, context: Context, value: AbstractValue) -> None:
+        options, reference = self._options, self._reference_of(context)
+        if options.preview == "lqr":
+            friction = options.qp.friction
+            value.set_value(preview_gains(self._robot, reference, friction, options.lqr))
+        else:
+            value.set_value(None)
 
     def _trajectory_of(self, context: Context) -> ReferenceTrajectory:
         trajectory: ReferenceTrajectory = self._trajectory.Eval(context)
         return trajectory
+
+    def _preview_of(self, context: Context) -> Preview | None:
+        preview: Preview | None = self._preview.Eval(context)
+        return preview
 
     def _unpack(self, vector: Array) -> _State:
         torque, diagnostics, stance = np.split(vector, self._split)
@@ -196,6 +223,7 @@ class WholeBodyController(LeafSystem):
             stance,
             options.period,
             force,
+            self._preview_of(context),
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:

@@ -1,0 +1,217 @@
+"""Preview: feedback on the centre of mass and the angular momentum that knows what comes next.
+
+About a motion with contact forces f, at small deviations x = (δc, δċ, δL) of the centre of
+mass c, its velocity and the angular momentum L about it,
+
+    m δc̈ = δf,      δL̇ = δn + f × δc,
+
+where the input u = (δn, δf) is the change of the contact wrench about the planned centre of
+mass, a point that does not move with the robot. A time-varying linear-quadratic regulator
+weighs deviations by what is tolerable, and the wrench by how far it is from what the ground
+can give there and then: with cone rows a·w ≥ b, the cost Σ (a·u)² / (a·w − b)² is the Hessian
+of their logarithmic barrier, and where it is below 1 the wrench is possible (Dikin's
+ellipsoid). So the centre of pressure moves little on a narrow support, more if a wide one comes
+soon, and nothing is asked for in flight.
+
+See B. Anderson, J. Moore, "Optimal Control: Linear Quadratic Methods", 1990, section 2.4;
+S. Kuindersma et al., "An efficiently solvable quadratic program for stabilizing dynamic
+locomotion", ICRA 2014; S. Boyd, L. Vandenberghe, "Convex Optimization", exercise 8.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numba import njit
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.linalg import solve_discrete_are
+
+from robomirror_drake.messages import Array, BoolArray, RobotReference
+from robomirror_drake.optimization.centroidal import GRAVITY, cross_matrix
+from robomirror_drake.optimization.dynamics_terms import TaskMotion
+from robomirror_drake.optimization.plan_contacts import ConeOptions, wrench_cones
+from robomirror_drake.robot import Robot
+
+LEAST_SLACK = 0.01
+"""Distance from a cone's row, in body weights, at which a wrench near the row counts at least."""
+
+
+class PreviewOptions(BaseModel):
+    """What the regulator weighs: deviations that cost as much as the whole of a wrench's room."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    position: float = Field(0.05, gt=0.0, description="of the centre of mass [m]")
+    velocity: float = Field(0.15, gt=0.0, description="of the centre of mass [m/s]")
+    angular_momentum: float = Field(6.0, gt=0.0, description="[N·m·s]")
+    max_normal_force: float = Field(3.0, gt=1.0, description="normal force [body weights]")
+
+
+class CentroidalMotion(NamedTuple):
+    """A motion as the centre of mass sees it.
+
+    Attributes:
+        com: (T, 3) [m].
+        force: (T, 3) sum of the contact forces [N].
+        moment: (T, 3) their moment about the world's origin [N·m].
+        corners: (T, 2, 4, 3) of the soles, in world [m].
+    """
+
+    com: Array
+    force: Array
+    moment: Array
+    corners: Array
+
+
+class Preview(NamedTuple):
+    """Feedback gains along a motion.
+
+    Attributes:
+        time: (T,) [s].
+        gain: (T, 6, 9) K of u = -K x, [moment, force] by [position, velocity, momentum].
+        force: (T, 3) planned sum of the contact forces [N].
+        mass: Of the robot [kg].
+    """
+
+    time: Array
+    gain: Array
+    force: Array
+    mass: float
+
+
+def preview_gains(
+    robot: Robot, reference: RobotReference, friction: float, options: PreviewOptions
+) -> Preview:
+    """The regulator of a reference; beyond its end the robot is meant to stand.
+
+    Args:
+        robot: The robot.
+        reference: What will be followed.
+        friction: Coefficient that the contact forces keep to.
+        options: See :class:`PreviewOptions`.
+    """
+    motion = centroidal_motion(robot, reference)
+    weight = robot.mass * GRAVITY
+    cone = ConeOptions(friction, 0.0, options.max_normal_force, weight)
+    R = wrench_cost(motion, reference.contact, cone)
+    tolerable = (options.position, options.velocity, options.angular_momentum)
+    Q = np.diag(np.repeat(tolerable, 3) ** -2.0)
+    steps = np.diff(reference.time, append=2.0 * reference.time[-1] - reference.time[-2])
+    A, B = centroidal_model(motion.force, steps, robot.mass)
+    A_end, B_end = centroidal_model(np.array([[0.0, 0.0, weight]]), steps[-1:], robot.mass)
+    P_end = solve_discrete_are(A_end[0], B_end[0], steps[-1] * Q, steps[-1] * R[-1])
+    in_flight = np.asarray(~reference.contact.any(axis=(1, 2)))
+    B[in_flight] = 0.0
+    gain = riccati(A, B, steps[:, None, None] * Q, steps[:, None, None] * R, P_end)
+    return Preview(reference.time, _before_touchdown(gain, in_flight), motion.force, robot.mass)
+
+
+def steered(preview: Preview, time: float, wanted: TaskMotion, actual: TaskMotion) -> TaskMotion:
+    """The wanted motion, with feedback in its accelerations of centre of mass and momentum.
+
+    Their positions and velocities become the actual ones, so that no other feedback acts.
+
+    Args:
+        preview: From :func:`preview_gains`.
+        time: Since the reference's own zero [s].
+        wanted: The reference, shifted to where the robot's feet are.
+        actual: The robot's own motion.
+    """
+    row = int(np.searchsorted(preview.time, time, side="right")) - 1
+    row = min(max(row, 0), len(preview.time) - 1)
+    away = actual.com[:2] - wanted.com[:2]
+    x = np.concatenate([away[0], away[1], actual.angular[0] - wanted.angular[0]])
+    u = -preview.gain[row] @ x
+    com = np.stack([actual.com[0], actual.com[1], wanted.com[2] + u[3:] / preview.mass])
+    rate = wanted.angular[1] + u[:3] + np.cross(preview.force[row], away[0])
+    return wanted._replace(com=com, angular=np.stack([actual.angular[0], rate]))
+
+
+def centroidal_motion(robot: Robot, reference: RobotReference) -> CentroidalMotion:
+    """Centre of mass, contact wrench and sole corners of a reference, by its kinematics."""
+    model, count = robot.model, len(reference.time)
+    data = model.createData()
+    q = robot.to_pinocchio(reference.q)
+    v = robot.v_to_pinocchio(reference.q, reference.v)
+    a = robot.a_to_pinocchio(reference.q, reference.v, reference.a)
+    com, rate = np.empty((count, 3)), np.empty((count, 6))
+    turn, place = np.empty((count, 2, 3, 3)), np.empty((count, 2, 3))
+    # The loop does nothing but call Pinocchio and copy what it returns.
+    for t in range(count):
+        pin.computeCentroidalMomentumTimeVariation(model, data, q[t], v[t], a[t])
+        pin.updateFramePlacements(model, data)
+        com[t], rate[t] = data.com[0], data.dhg.vector
+        for foot, frame in enumerate(robot.foot_frames):
+            turn[t, foot], place[t, foot] = data.oMf[frame].rotation, data.oMf[frame].translation
+    force = rate[:, :3] + np.array([0.0, 0.0, robot.mass * GRAVITY])
+    corners = place[:, :, None] + robot.sole_corners @ np.swapaxes(turn, -1, -2)
+    return CentroidalMotion(com, force, np.cross(com, force) + rate[:, 3:], corners)
+
+
+def centroidal_model(force: Array, step: Array, mass: float) -> tuple[Array, Array]:
+    """Discrete-time model of the deviations, exact for a force that is constant over a step.
+
+    Args:
+        force: (T, 3) planned sum of the contact forces [N].
+        step: (T,) from each sample to the next [s].
+        mass: Of the robot [kg].
+
+    Returns:
+        A (T, 9, 9), B (T, 9, 6) of x⁺ = A x + B u.
+    """
+    F = np.zeros((len(force), 9, 9))
+    F[:, :3, 3:6] = np.eye(3)
+    F[:, 6:, :3] = cross_matrix(force)
+    G = np.zeros((9, 6))
+    G[3:6, 3:] = np.eye(3) / mass
+    G[6:, :3] = np.eye(3)
+    h = step[:, None, None]
+    F_h = h * F  # its third power is zero, which ends the exponential series
+    A = np.eye(9) + F_h + F_h @ F_h / 2.0
+    return A, h * (np.eye(9) + F_h / 2.0 + F_h @ F_h / 6.0) @ G
+
+
+def wrench_cost(motion: CentroidalMotion, loaded: BoolArray, cone: ConeOptions) -> Array:
+    """(T, 6, 6) cost of u, the Hessian of the cones' logarithmic barrier at the planned wrench.
+
+    Args:
+        motion: The motion.
+        loaded: (T, 2, 4) corners that may bear load.
+        cone: Limits of the wrench.
+    """
+    # Rounded to millimetres, so that there are few different cones while a foot stands.
+    cones = wrench_cones(motion.corners.round(3), loaded, cone)
+    wrench = np.concatenate([motion.moment, motion.force], axis=1)
+    y = np.einsum("trw,tw->tr", cones.rows, wrench)
+    slack = np.maximum(np.minimum(y - cones.lower, cones.upper - y), LEAST_SLACK)
+    about_com = np.broadcast_to(np.eye(6), (len(y), 6, 6)).copy()
+    about_com[:, :3, 3:] = cross_matrix(motion.com)  # u's moment, taken to the world's origin
+    rows = cones.rows @ about_com / slack[..., None]
+    return np.asarray(np.swapaxes(rows, 1, 2) @ rows)
+
+
+@njit(cache=True)
+def riccati(A, B, Q, R, P_end):  # type: ignore[no-untyped-def]
+    """Gains K (T, m, n) that minimise Σ xᵀQx + uᵀRu + the end's xᵀP_end x with u = -K x.
+
+    Args:
+        A, B: (T, n, n), (T, n, m) of x⁺ = A x + B u.
+        Q, R: (T, n, n), (T, m, m) costs of state and input.
+        P_end: (n, n) cost of the state after the last step.
+    """
+    K = np.empty((len(A), B.shape[2], B.shape[1]))
+    P = P_end.copy()
+    for t in range(len(A) - 1, -1, -1):
+        B_P = B[t].T @ P
+        K[t] = np.linalg.solve(R[t] + B_P @ B[t], B_P @ A[t])
+        P = Q[t] + A[t].T @ P @ (A[t] - B[t] @ K[t])
+        P = 0.5 * (P + P.T)
+    return K
+
+
+def _before_touchdown(gain: Array, in_flight: BoolArray) -> Array:
+    """Gains in flight replaced by those after it, which a foot that lands early needs."""
+    rows = np.where(in_flight, len(gain) - 1, np.arange(len(gain)))
+    return gain[np.minimum.accumulate(rows[::-1])[::-1]]
