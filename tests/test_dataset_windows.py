@@ -93,14 +93,14 @@ def test_the_commanded_motion_is_held_in_added_time(reference):
     q = reference.q + 0.1 * rng.standard_normal(reference.q.shape)
     v = rng.standard_normal(reference.v.shape)
     contact = rng.random(reference.contact.shape) > 0.5
-    raw = dataclasses.replace(reference, q=q, v=v, contact=contact, planned=False)
+    raw = dataclasses.replace(reference, q=q, v=v, contact=contact, planned=False, residuals={})
     lead = 48
     time = np.arange(len(raw.time) + 2 * lead) / RATE
     longer = np.zeros((len(time), 30))
     longer[:, 0] = 1.0
     plan = dataclasses.replace(
         raw, time=time, q=longer, v=longer[:, 1:], a=longer[:, 1:], lead=lead / RATE,
-        contact=np.ones((len(time), 2, 4), np.bool_), foot_force=None,
+        contact=np.ones((len(time), 2, 4), np.bool_), foot_force=None, planned=True, residuals={},
     )  # fmt: skip
     said = commanded(raw, plan, np.arange(len(time) + 30) / RATE)
     own = slice(lead, lead + len(raw.time))
@@ -110,5 +110,11 @@ def test_the_commanded_motion_is_held_in_added_time(reference):
     for held, frame in ((slice(0, lead), 0), (slice(lead + len(raw.time), None), -1)):
         np.testing.assert_array_equal(said.q[held], np.broadcast_to(q[frame], said.q[held].shape))
         assert not said.v[held].any()
+    slow = dataclasses.replace(
+        plan, residuals={"time_scale": 0.8}, time=plan.time / 0.8, lead=lead / RATE / 0.8
+    )
+    slowed = commanded(raw, slow, slow.time)
+    np.testing.assert_array_equal(slowed.q, said.q[: len(time)])
+    np.testing.assert_allclose(slowed.v, 0.8 * said.v[: len(time)])
     with pytest.raises(ValueError, match="does not fit"):
         commanded(plan, dataclasses.replace(raw, lead=0.5), time)
