@@ -40,7 +40,7 @@ COMMAND = "a person walks forward four steps"
 RUN = 2.0
 """How much of the motion is simulated for the real-time factor [s]."""
 
-REPEATS = 3
+REPEATS = 5
 """Each tick's time is the least of so many."""
 
 

@@ -168,7 +168,7 @@ def tracking_errors(execution: Tracked) -> TrackingErrors:
 
 
 def errors_to_raw(
-    execution: Execution, raw: RobotReference, lead: float, time_scale: float
+    execution: Execution, raw: RobotReference, lead: float
 ) -> tuple[float, float] | None:
     """Mean joint [rad] and root [m] error against the reference that a plan was made from.
 
@@ -176,12 +176,11 @@ def errors_to_raw(
 
     Args:
         execution: What the robot did with the plan.
-        raw: The reference before planning.
+        raw: The reference before planning, at the plan's tempo.
         lead: When its motion begins in the plan [s].
-        time_scale: How fast the plan plays it, 1 at its own tempo.
     """
     upright = until_fall(execution)
-    time = (upright.time - lead) * time_scale
+    time = upright.time - lead
     within = (time >= 0.0) & (time <= raw.duration)
     if not within.any():
         return None

@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
+from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from robomirror_drake.config import Scenario
@@ -18,6 +19,7 @@ from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS
 from robomirror_drake.optimization.plan import PlanOptions
+from robomirror_drake.optimization.plan_tempo import slowed
 from robomirror_drake.outcome import errors_to_raw
 from robomirror_drake.pipeline import build_plan_diagram, give_candidates, give_command
 from robomirror_drake.robot import Robot, load_robot
@@ -27,6 +29,9 @@ from robomirror_drake.yaml_file import validate
 
 RENEWED = 40
 """Tasks after which processes are renewed: Drake frees all but 2 MB of a diagram."""
+
+SLOWEST = 0.2
+"""No plan is slower than this."""
 
 
 @dataclass(frozen=True)
@@ -238,14 +243,30 @@ def _plans(robot: Robot, scenario: Scenario) -> tuple[RobotReference, RobotRefer
     return raw, plan
 
 
+def _at_tempo(raw: RobotReference, time_scale: float) -> RobotReference:
+    """A reference slowed down to 1 / ``time_scale`` of its duration, as its plan was.
+
+    Since flight keeps its tempo, all else is slower than the whole.
+    """
+    frame = float(raw.time[1] - raw.time[0])
+    wanted = raw.duration / time_scale
+
+    def missing(tempo: float) -> float:
+        return wanted - slowed(raw, tempo).duration
+
+    if missing(time_scale) <= frame:
+        return slowed(raw, time_scale)
+    return slowed(raw, float(brentq(missing, 0.5 * SLOWEST, time_scale, xtol=1e-3)))
+
+
 def _row(robot: Robot, task: Task, raw: RobotReference, plan: RobotReference, seed: int) -> Row:
     try:
         execution = rollout(robot, plan, task.scenario.simulation, seed)
         outcome = judge(robot, execution, plan, task.scenario.simulation)
     except Exception as error:  # as above
         return task.row(seed, error=f"{type(error).__name__}: {error}")
-    time_scale = plan.residuals.get("time_scale", 1.0)
-    from_raw = errors_to_raw(execution, raw, plan.lead, time_scale)
+    time_scale = min(1.0, plan.residuals.get("time_scale", 1.0))  # up to rounding
+    from_raw = errors_to_raw(execution, _at_tempo(raw, time_scale), plan.lead)
     return task.row(
         seed,
         fell=outcome.fell,

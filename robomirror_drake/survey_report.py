@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from html import escape as escape_html
 
 import numpy as np
 import plotly.graph_objects as go
@@ -27,6 +28,8 @@ COLORS = {
     NOT_DONE: TOLD,
 }
 """How an execution ends, and its colour."""
+
+_DECADES = [step * 10.0**decade for decade in range(-5, 2) for step in (1, 2, 5)]
 
 
 @dataclass(frozen=True)
@@ -173,33 +176,44 @@ def _endings(rows: Sequence[Row]) -> go.Figure:
     figure.update_layout(barmode="stack", bargap=0.35)
     figure.update_xaxes(title="share of executions [%]", range=[0, 100])
     figure.update_yaxes(autorange="reversed")
-    return styled(figure, height=110 + 46 * len(names), top=60).update_layout(margin={"l": 130})
+    height = max(400, 110 + 46 * len(names))
+    return styled(figure, height=height, top=50).update_layout(margin={"l": 130})
 
 
 def _grid(rows: Sequence[Row]) -> go.Figure:
-    """How each execution ended: a line an action, a column a seed."""
+    """How each execution ended: a column an action, a line a seed and tempo."""
     figure = go.Figure()
-    made = lines(rows)
+    actions = list(dict.fromkeys(row.action for row in rows))
+    runs = list(dict.fromkeys(_run(row) for row in rows))
     for end, color in COLORS.items():
-        own = [(line.label, row) for line in made for row in line.rows if ending(row) == end]
+        own = [row for row in rows if ending(row) == end]
         if not own:
             continue
         figure.add_scatter(
-            x=[f"seed {row.seed}" for _, row in own],
-            y=[label for label, _ in own],
+            x=[row.action for row in own],
+            y=[_run(row) for row in own],
             name=end.replace("_", " "),
             mode="markers",
-            marker={"color": color, "symbol": "square", "size": 13},
-            customdata=[row.error or row.cause_evidence or "" for _, row in own],
-            hovertemplate="%{y}, %{x}<br>%{customdata}<extra>%{fullData.name}</extra>",
+            marker={"color": color, "symbol": "square", "size": 9 if len(actions) > 50 else 13},
+            customdata=[escape_html(row.error or row.cause_evidence or "") for row in own],
+            hovertemplate="%{x}, %{y}<br>%{customdata}<extra>%{fullData.name}</extra>",
         )
-    seeds = [f"seed {seed}" for seed in sorted({row.seed for row in rows})]
-    figure.update_xaxes(categoryarray=seeds, categoryorder="array", side="top")
-    figure.update_yaxes(
-        categoryarray=[line.label for line in made], categoryorder="array", autorange="reversed"
+    figure.update_xaxes(
+        categoryarray=actions,
+        categoryorder="array",
+        tickangle=-90,
+        dtick=1,
+        tickfont={"size": 10},
+        automargin=True,
+        range=[-0.7, len(actions) - 0.3],
     )
-    figure = styled(figure, height=120 + 20 * len(made), top=90)
-    return figure.update_layout(margin={"l": 190}).update_yaxes(dtick=1, tickfont={"size": 11})
+    figure.update_yaxes(categoryarray=runs, categoryorder="array", autorange="reversed", dtick=1)
+    figure = styled(figure, height=210 + 26 * len(runs), top=50)
+    return figure.update_layout(margin={"l": 110})
+
+
+def _run(row: Row) -> str:
+    return f"seed {row.seed}" if row.slowest is None else f"seed {row.seed}, slowed"
 
 
 def _errors(rows: Sequence[Row]) -> go.Figure:
@@ -226,5 +240,5 @@ def _errors(rows: Sequence[Row]) -> go.Figure:
         )
     figure.update_layout(boxmode="group")
     figure.update_xaxes(categoryarray=groups, categoryorder="array")
-    figure.update_yaxes(title="mean joint error [rad]", type="log")
+    figure.update_yaxes(title="mean joint error [rad]", type="log", tickvals=_DECADES)
     return styled(figure, height=400, top=50)

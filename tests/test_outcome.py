@@ -169,15 +169,14 @@ def test_until_fall_ends_with_the_fall(make_execution) -> None:
     assert until_fall(whole) is whole
 
 
-def test_errors_to_the_raw_reference_heed_lead_and_tempo(make_execution, reference) -> None:
-    raw = dataclasses.replace(reference, q=reference.q + np.linspace(0, 1, 121)[:, None] * KNEE)
-    # Half as fast, from 0.5 s on, the plan reaches a quarter of the raw reference at 1.5 s.
-    time = np.arange(91) / 60.0
-    q = make_execution(91).q + np.clip((time - 0.5) / 4.0, 0.0, 1.0)[:, None] * KNEE
-    execution = make_execution(91, q=q)
-    joints, root = errors_to_raw(execution, raw, 0.5, 0.5)
-    assert joints < 0.005 / 23  # half a sample's
+def test_errors_to_the_raw_reference_heed_the_lead(make_execution, reference) -> None:
+    ramp = np.linspace(0.0, 1.0, 121)[:, None] * KNEE
+    raw = dataclasses.replace(reference, q=reference.q + ramp)
+    q = make_execution(91).q.copy()
+    q[30:] += ramp[:61]
+    execution = make_execution(91, q=q)  # it begins half a second later
+    assert errors_to_raw(execution, raw, 0.5) == pytest.approx((0.0, 0.0), abs=1e-12)
+    joints, root = errors_to_raw(execution, raw, 0.0)
+    assert joints > 0.1 / 23
     assert root == 0.0
-    joints, _ = errors_to_raw(execution, raw, 0.0, 1.0)
-    assert joints > 0.2 / 23
-    assert errors_to_raw(execution, raw, 5.0, 1.0) is None
+    assert errors_to_raw(execution, raw, 5.0) is None

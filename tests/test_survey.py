@@ -12,10 +12,11 @@ import pytest
 from rich.console import Console
 
 from robomirror_drake.config import Scenario
-from robomirror_drake.exceptions import InputError
+from robomirror_drake.exceptions import ConfigError, InputError
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS
-from robomirror_drake.survey import Row, execute, survey_rows, survey_tasks
+from robomirror_drake.optimization.plan_tempo import slowed
+from robomirror_drake.survey import Row, _at_tempo, execute, survey_rows, survey_tasks
 from robomirror_drake.survey_report import ending, lines, print_survey, render_survey
 
 
@@ -63,6 +64,26 @@ def test_a_row_of_a_real_execution() -> None:
         assert row.A_q < 0.02 < row.raw_A_q < 0.3
         assert row.A_p < 0.03 < row.raw_A_p < 0.2
     assert rows[0].A_q != rows[1].A_q  # another floor
+
+
+def test_slowest_does_everything_twice() -> None:
+    full, slow = survey_tasks(Scenario(), ["bow"], slowest=0.6)
+    assert (full.slowest, full.scenario.planner.slowest) == (None, 1.0)
+    assert (slow.slowest, slow.scenario.planner.slowest) == (0.6, 0.6)
+    with pytest.raises(ConfigError, match="slowest"):
+        survey_tasks(Scenario(), ["bow"], slowest=1.5)
+
+
+@pytest.mark.parametrize("flies", [False, True])
+def test_raw_reference_at_the_tempo_of_its_plan(reference, flies) -> None:
+    contact = reference.contact.copy()
+    contact[50:80] = not flies
+    raw = dataclasses.replace(reference, contact=contact)
+    wanted = slowed(raw, 0.6)
+    found = _at_tempo(raw, raw.duration / wanted.duration)
+    assert found.duration == pytest.approx(wanted.duration, abs=1.5 / 60)
+    assert found.contact.shape == wanted.contact.shape
+    assert _at_tempo(raw, 1.0) == raw
 
 
 def test_one_broken_task_stops_no_other() -> None:
