@@ -25,6 +25,9 @@ FELT, LOST = 30.0, 10.0
 DESCENT = 0.3
 """Speed at which a foot that is late is moved down, faster than the body's own fall [m/s]."""
 
+FARTHEST = 1.0
+"""How far along each axis the reference is moved at most [m]."""
+
 
 @dataclass(frozen=True)
 class Stance:
@@ -169,5 +172,6 @@ def update_stance(
         offset[2] = 0.0
     elif not (touching > 0.0).any():
         offset = motion.com[0] - reference.com[0]
+    offset = np.clip(offset, -FARTHEST, FARTHEST)
     late = (sample.load > 0.0).any(axis=1) & (touching == 0.0)
     return Stance(load, anchor, offset, touching, 1.0 * late)

@@ -71,7 +71,7 @@ def step_in_the_middle(reference: RobotReference) -> tuple[float, float]:
     Raises:
         InputError: There are fewer than two steps in the second half.
     """
-    on = reference.contact.any(axis=-1)
+    on = np.asarray(reference.contact.any(axis=-1))
     leaves = np.flatnonzero((on[:-1] & ~on[1:]).any(axis=1))
     late = reference.time[leaves[reference.time[leaves] > 0.4 * reference.duration]]
     if len(late) < 2:
