@@ -208,6 +208,10 @@ def _progress(progress: Progress) -> str:
     )
 
 
+def _ranked(counts: dict[str, int]) -> list[tuple[str, int]]:
+    return sorted(counts.items(), key=lambda item: -item[1])
+
+
 def _tally(tally: Tally) -> str:
     return (
         f"{tally.episodes} episodes, {tally.seconds / 3600:.2f} h, {tally.fell} falls "
@@ -227,10 +231,10 @@ def _print_summary(summary: Summary) -> None:
                 f"{tally.seconds / 3600:.2f}",
                 f"{100 * tally.fall_share:.1f}",
                 str(tally.failed),
-                ", ".join(f"{cause} {count}" for cause, count in tally.causes.most_common()),
+                ", ".join(f"{cause} {count}" for cause, count in _ranked(tally.causes)),
             )
         out.print(table)
-    for failure, count in summary.failures.most_common(10):
+    for failure, count in _ranked(summary.failures)[:10]:
         out.print(f"{count} failed: {failure}", markup=False, highlight=False)
     _print_cost(summary.cost)
     for fault in summary.damaged:
@@ -239,11 +243,11 @@ def _print_summary(summary: Summary) -> None:
 
 def _print_cost(cost: Cost) -> None:
     """Rates by stage, and the paper's data set on some numbers of cores."""
-    if not cost.cpu_s.total():
+    if not cost.all_cpu_s:
         return
     table = Table("stage", "share of processor time [%]", "simulated s / s of a core")
     for stage, spent in cost.cpu_s.items():
-        table.add_row(stage, f"{100 * spent / cost.cpu_s.total():.1f}", f"{cost.rate(stage):.2f}")
+        table.add_row(stage, f"{100 * spent / cost.all_cpu_s:.1f}", f"{cost.rate(stage):.2f}")
     table.add_row("all", "100", f"{cost.rate():.2f}")
     out.print(table)
     out.print(f"with waiting for a core: {cost.wall_rate():.2f} simulated s / s a worker")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from robomirror_drake.dataset.shards import read_shards
 from robomirror_drake.exceptions import ResultError
+
+Number = TypeVar("Number", int, float)
 
 PAPER_EPISODES: Final = 255_000
 """Executions of the paper's data set."""
@@ -31,7 +32,7 @@ class Tally:
     failed: int = 0
     fell: int = 0
     seconds: float = 0.0
-    causes: Counter[str] = field(default_factory=Counter)
+    causes: dict[str, int] = field(default_factory=dict)
 
     def add(self, row: dict[str, Any]) -> None:
         """Counts an episode."""
@@ -40,7 +41,7 @@ class Tally:
         self.seconds += row["duration_s"] or 0.0
         if row["fell"]:
             self.fell += 1
-            self.causes[row["cause"] or row["fall_cause"]] += 1
+            _increase(self.causes, row["cause"] or row["fall_cause"], 1)
 
     @property
     def fall_share(self) -> float:
@@ -62,7 +63,7 @@ class Cost:
     """
 
     prompts: int = 0
-    cpu_s: Counter[str] = field(default_factory=Counter)
+    cpu_s: dict[str, float] = field(default_factory=dict)
     wall_s: float = 0.0
     simulated_s: float = 0.0
     episodes: int = 0
@@ -70,14 +71,20 @@ class Cost:
     def add(self, timing: dict[str, Any]) -> None:
         """Counts a command."""
         self.prompts += 1
-        self.cpu_s.update(timing["cpu_s"])
+        for stage, spent in timing["cpu_s"].items():
+            _increase(self.cpu_s, stage, spent)
         self.wall_s += timing["wall_s"]
         self.simulated_s += timing["simulated_s"]
         self.episodes += timing["episodes"]
 
+    @property
+    def all_cpu_s(self) -> float:
+        """Processor time of all stages [s]."""
+        return sum(self.cpu_s.values())
+
     def rate(self, stage: str | None = None) -> float:
         """Simulated seconds per second of one core, of one stage or of all together."""
-        spent = self.cpu_s.total() if stage is None else self.cpu_s[stage]
+        spent = self.all_cpu_s if stage is None else self.cpu_s[stage]
         return self.simulated_s / spent if spent else float("nan")
 
     def wall_rate(self) -> float:
@@ -88,7 +95,7 @@ class Cost:
         """Hours that the paper's number of executions would take on so many cores."""
         if not self.episodes:
             return float("nan")
-        return PAPER_EPISODES * self.cpu_s.total() / self.episodes / 3600.0 / cores
+        return PAPER_EPISODES * self.all_cpu_s / self.episodes / 3600.0 / cores
 
 
 @dataclass
@@ -98,7 +105,7 @@ class Summary:
     total: Tally
     prompts: int
     by: dict[str, dict[str, Tally]]
-    failures: Counter[str]
+    failures: dict[str, int]
     cost: Cost
     damaged: list[str]
 
@@ -115,7 +122,7 @@ def summarise(folder: Path) -> Summary:
         total=Tally(),
         prompts=0,
         by={name: {} for name in ("group", "split", "kind", "action")},
-        failures=Counter(),
+        failures={},
         cost=_cost(folder / "timing.jsonl"),
         damaged=[],
     )
@@ -138,7 +145,11 @@ def _add(summary: Summary, row: dict[str, Any]) -> None:
     for action in set(row["actions"]):
         summary.by["action"].setdefault(action, Tally()).add(row)
     if row["failed_stage"] is not None:
-        summary.failures[f"{row['failed_stage']}: {row['failure']:.80}"] += 1
+        _increase(summary.failures, f"{row['failed_stage']}: {row['failure']:.80}", 1)
+
+
+def _increase(counts: dict[str, Number], key: str, by: Number) -> None:
+    counts[key] = counts.get(key, 0) + by
 
 
 def _cost(log: Path) -> Cost:
