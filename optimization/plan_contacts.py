@@ -15,6 +15,7 @@ ROWS = 16
 """Rows of one wrench cone: normal force, friction 4, yaw 2, hull edges up to 8, one spare."""
 
 _SEGMENT_WIDTH = 0.01  # an edge of a sole that bears alone counts as a strip this wide [m]
+_SPINS = 0.015  # a foot that turns by more from sample to sample slides on its spot [rad]
 _MARGIN_SHARE = 0.3  # a margin takes this share of the hull's width at most, on either side
 
 
@@ -105,23 +106,34 @@ def wrench_cones(standing: Array, loaded: BoolArray, options: ConeOptions) -> Co
 
     The centre of pressure stays a margin inside the convex hull of the loaded corners: for
     each edge with inward normal (a, b) and a x + b y ≥ d inside it, b n_x − a n_y ≥
-    (d + margin) f_z, which has no division by f_z.
+    (d + margin) f_z, which has no division by f_z. The friction of a foot that pivots alone
+    does not drive it.
 
     Args:
         standing: (T, 2, 4, 3) corners at their anchors [m].
         loaded: (T, 2, 4) corners that may bear load.
         options: See :class:`ConeOptions`.
     """
-    T = len(standing)
+    T, spins = len(standing), _spins(standing, loaded)
     cones = Cones(np.zeros((T, ROWS, 6)), np.full((T, ROWS), -np.inf), np.full((T, ROWS), np.inf))
     known: dict[bytes, tuple[Array, Array, Array]] = {}
     for t in range(T):
         points = standing[t, ..., :2][loaded[t]]
-        key = points.tobytes()
+        key = points.tobytes() + spins[t].tobytes()
         if key not in known:
-            known[key] = _cone(points, options) if len(points) else _flight(options)
+            known[key] = _cone(points, spins[t], options) if len(points) else _flight(options)
         cones.rows[t], cones.lower[t], cones.upper[t] = known[key]
     return cones
+
+
+def _spins(standing: Array, loaded: BoolArray) -> Array:
+    """(T,) sense in which the only foot that bears load turns, or 0."""
+    spin = np.zeros(len(standing))
+    for foot in range(2):
+        alone = loaded[:, foot].any(axis=1) & ~loaded[:, 1 - foot].any(axis=1)
+        turn = np.gradient(np.unwrap(heading(standing[:, foot]))) if len(spin) > 1 else spin
+        spin = np.where(alone & (np.abs(turn) > _SPINS), np.sign(turn), spin)
+    return spin
 
 
 def _flight(options: ConeOptions) -> tuple[Array, Array, Array]:
@@ -147,7 +159,7 @@ def hull_edges(points: Array) -> tuple[Array, Array]:
     return -hull.equations[:, :2], hull.equations[:, 2]
 
 
-def _cone(points: Array, options: ConeOptions) -> tuple[Array, Array, Array]:
+def _cone(points: Array, spin: float, options: ConeOptions) -> tuple[Array, Array, Array]:
     mu, margin, strongest, weight = options
     rows, lower, upper = np.zeros((ROWS, 6)), np.full(ROWS, -np.inf), np.full(ROWS, np.inf)
     rows[0, 5] = 1.0
@@ -157,7 +169,14 @@ def _cone(points: Array, options: ConeOptions) -> tuple[Array, Array, Array]:
     center = points.mean(axis=0)
     arm = mu * float(np.mean(np.linalg.norm(points - center, axis=1)))
     for row, sign in ((5, 1.0), (6, -1.0)):
-        rows[row] = [0.0, 0.0, sign, sign * center[1], -sign * center[0], arm]
+        rows[row] = [
+            0.0,
+            0.0,
+            sign,
+            sign * center[1],
+            -sign * center[0],
+            0.0 if sign == -spin else arm,
+        ]
     normals, offsets = hull_edges(points)
     width = np.max(points @ normals.T - offsets, axis=0)
     inset = offsets + np.minimum(margin, _MARGIN_SHARE * width)

@@ -14,10 +14,13 @@ REACH = 0.06
 LANDED = 0.03
 """How near its foothold a human foot has to be to have landed, or not to have left [m]."""
 
+LOW, LOW_ALONE = 0.07, 0.12
+"""To what height a heel or toe hangs low, also where no other foot stands [m]."""
+
 TURNS = 0.3
 """By how much a human foot has to turn while it stands for the robot's to turn with it [rad]."""
 
-_LONG, _LOW = 9, 0.07  # from when on and to what height a heel or toe hangs low [samples, m]
+_LONG = 9  # samples from which on a heel or toe hangs low for long
 _GRACE = 2  # by how much contacts may begin later after a flight, or end earlier [samples]
 _STEADY = 3.0  # standard deviation of the filter on such a foot's heading [samples]
 _CUT, _SHORTEST = 2, 3  # samples on both sides of a cut that go, and that a foothold needs
@@ -65,12 +68,15 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
 
 
 def _settled(soles: Array, ends: BoolArray) -> BoolArray:
-    """Contacts in which a foot whose heel or toe hangs low, and for long, is down altogether."""
-    contact = ends.copy()
+    """Contacts in which a foot whose heel or toe hangs low, and for long, is down altogether.
+
+    A robot balances badly on an edge, so that this goes for higher ones where it has no other.
+    """
+    contact, feet = ends.copy(), np.asarray(ends.any(axis=2))
     for f in (0, 1):
-        some = ends[:, f].any(axis=1) & ~ends[:, f].all(axis=1)
-        for start, stop in phases(np.asarray(some)):
-            if stop - start >= _LONG and soles[start:stop, f, :, 2].max() < _LOW:
+        low = soles[:, f, :, 2].max(axis=1) < np.where(feet[:, 1 - f], LOW, LOW_ALONE)
+        for start, stop in phases(feet[:, f] & ~ends[:, f].all(axis=1) & low):
+            if stop - start >= _LONG:
                 contact[start:stop, f] = True
     return contact
 

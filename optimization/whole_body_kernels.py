@@ -17,6 +17,12 @@ FORCE_UNIT = 100.0
 FLOOR = 0.005
 """Height below which a foot of the reference is on the floor [m]."""
 
+PIVOTING = 1.0
+"""Rate of turning from which on a foot on the floor pivots altogether [rad/s]."""
+
+PIVOT_STIFFNESS = 200.0
+"""With which it follows the reference's then [1/s²]."""
+
 
 @njit(cache=True)
 def rotation_error(R_ref, R):
@@ -45,10 +51,11 @@ def _shift_matrix(J, v, a, r):
 
 
 @njit(cache=True)
-def _slide(p, v, a, r):
-    """Velocity and acceleration (6,), (6,) over the floor of a foot at its point p + r.
+def _slide(p, v, a, r, error):
+    """Velocity (6,) over the floor of a foot at its point p + r, acceleration (6,) to follow it.
 
     Zero for a foot in the air: what it does there is nothing for one that stands already.
+    One that pivots or slides makes good its error (6,), one that stands does not.
     """
     slide_v, slide_a = np.zeros(6), np.zeros(6)
     if p[2] + r[2] < FLOOR:
@@ -56,6 +63,9 @@ def _slide(p, v, a, r):
         slide_v[:2] = (v[:3] + spin)[:2]
         slide_a[:2] = (a[:3] + np.cross(a[3:], r) + np.cross(v[3:], spin))[:2]
         slide_v[5], slide_a[5] = v[5], a[5]
+        moving = min(1.0, abs(v[5]) / PIVOTING)
+        slide_a[:2] += moving * PIVOT_STIFFNESS * error[:2]
+        slide_a[5] += moving * PIVOT_STIFFNESS * error[5]
     return slide_v, slide_a
 
 
@@ -138,7 +148,9 @@ def task_rows(
         r = R[k] @ middle
         J_k, v_k, a_k = _shift_matrix(J[k], v[k], a[k], r)
         T[first : first + 6] = J_k
-        slide_v, slide_a = _slide(ref_p[k], ref_v[k], ref_a[k], ref_R[k] @ middle)
+        ref_r = ref_R[k] @ middle
+        away = np.concatenate((ref_p[k] + ref_r - p[k] - r, rotation_error(ref_R[k], R[k])))
+        slide_v, slide_a = _slide(ref_p[k], ref_v[k], ref_a[k], ref_r, away)
         weight, stiffness, damping = gains[6 if loaded > 0 else 5]
         w[linear] = weight
         if loaded > 0:
