@@ -27,7 +27,7 @@ from robomirror_drake.messages import Array, Execution, Outcome, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.optimization.plan_schedule import runs
 from robomirror_drake.outcome import LOADED_FORCE, evaluate, find_fall, until_fall
-from robomirror_drake.robot import Robot
+from robomirror_drake.robot import FEET, Robot
 from robomirror_drake.simulation import SimulationOptions
 
 Cause = Literal[
@@ -93,7 +93,14 @@ def explain_fall(
     begin = divergence(execution, told, done)
     seen = signs(robot, execution, reference, told, done, friction, limit)
     pushed = _pushed(execution.time, pushes, robot.mass)
-    return earliest(execution.time, begin, [*pushed, *seen])
+    first = earliest(execution.time, begin, [*pushed, *seen])
+    if first is not None:
+        return first
+    stood = _stance(execution.foot_force[begin])
+    when = f"at {execution.time[begin]:.2f} s"
+    return FallCause(
+        "controller", f"within every limit, the capture point left the reference {when}, {stood}"
+    )
 
 
 def divergence(execution: Execution, told: Motion, done: Motion) -> int:
@@ -122,8 +129,16 @@ def _feet_offset(execution: Execution, told: Motion, done: Motion) -> Array:
     return shift
 
 
-def earliest(time: Array, begin: int, seen: Sequence[Sign]) -> FallCause:
-    """The first sign that still held a short time before a fall began.
+def _stance(foot_force: Array) -> str:
+    """What the robot stands on, from (2, 3) ground forces."""
+    down = [name for name, force in zip(FEET, foot_force, strict=True) if force[2] > LOADED_FORCE]
+    if len(down) == 2:
+        return "on both feet"
+    return f"on the {down[0]} foot" if down else "in the air"
+
+
+def earliest(time: Array, begin: int, seen: Sequence[Sign]) -> FallCause | None:
+    """The first sign that still held a short time before a fall began, if there is any.
 
     Args:
         time: (N,) [s].
@@ -141,11 +156,7 @@ def earliest(time: Array, begin: int, seen: Sequence[Sign]) -> FallCause:
             if start <= last and end > first and end - start >= least
         ]
     if not found:
-        return FallCause(
-            "controller",
-            f"no limit was reached before the capture point left the reference at "
-            f"{time[begin]:.2f} s",
-        )
+        return None
     start, sign, end = min(found, key=lambda entry: entry[0])
     return FallCause(cast(Cause, sign.cause), sign.evidence(start, end))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ def fall_of(
     robot: Robot, reference: RobotReference, disturbance: dict[str, Any] | None = None
 ) -> FallCause:
     options = SimulationOptions.model_validate(
-        {"hold": 1.0, "after_fall": 0.0, "disturbance": disturbance or {}}
+        {"hold": 1.0, "after_fall": 0.1, "disturbance": disturbance or {}}
     )
     outcome = judge(robot, rollout(robot, reference, options), reference, options)
     assert outcome.fell
@@ -55,16 +56,16 @@ def later(values: np.ndarray, samples: int) -> np.ndarray:
 
 
 def test_a_slippery_floor_is_friction(robot, plan) -> None:
-    cause, evidence = fall_of(robot, plan, {"friction": 0.06})
+    cause, evidence = fall_of(robot, plan, {"friction": 0.04})
     assert cause == "friction_lost"
     assert "foot slid" in evidence
-    assert "at µ 0.06" in evidence
+    assert "at µ 0.04" in evidence
 
 
 def test_weak_joints_are_saturated(robot, plan) -> None:
-    cause, evidence = fall_of(robot, plan, {"actuators": {"strength": 0.25}})
+    cause, evidence = fall_of(robot, plan, {"actuators": {"strength": 0.2}})
     assert cause == "torque_saturated"
-    assert "at its 50 N·m" in evidence
+    assert "at its 40 N·m" in evidence
 
 
 def test_wrong_labels_are_a_contact_mismatch(robot, plan) -> None:
@@ -118,18 +119,18 @@ def sign(name: str, start: int, end: int, least: float = 0.05) -> Sign:
 @pytest.mark.parametrize(
     ("seen", "cause"),
     [
-        ([], "controller"),
+        ([], None),
         ([sign("friction_lost", 75, 90), sign("torque_saturated", 70, 90)], "torque_saturated"),
         ([sign("friction_lost", 70, 90), sign("torque_saturated", 70, 90)], "friction_lost"),
-        ([sign("friction_lost", 10, 40)], "controller"),  # long over
-        ([sign("friction_lost", 95, 110)], "controller"),  # a consequence
-        ([sign("friction_lost", 70, 72)], "controller"),  # too short
+        ([sign("friction_lost", 10, 40)], None),  # long over
+        ([sign("friction_lost", 95, 110)], None),  # a consequence
+        ([sign("friction_lost", 70, 72)], None),  # too short
         ([sign("contact_mismatch", 20, 120)], "contact_mismatch"),  # lasting
     ],
 )
 def test_the_first_sign_before_the_fall_counts(seen, cause) -> None:
     why = earliest(np.arange(120) / 60.0, 80, seen)
-    assert why.cause == cause
+    assert (why and why.cause) == cause
 
 
 def test_pushes_of_any_kind_are_told_by_their_speed(robot, make_execution, reference) -> None:
@@ -145,3 +146,15 @@ def test_pushes_of_any_kind_are_told_by_their_speed(robot, make_execution, refer
         push = Push(time=0.45, **given)
         why = explain_fall(robot, execution, reference, 0.6, pushes=[push])
         assert why == ("controller", "pushed by 0.50 m/s at 0.45 s")
+
+
+def test_without_any_sign_it_is_the_controller(robot, make_execution, reference) -> None:
+    q = make_execution().q.copy()
+    q[30:, 5] += np.linspace(0.0, 1.0, 31)
+    q[50:, 6] = 0.1
+    why = explain_fall(robot, make_execution(q=q), reference, 0.6)
+    assert why is not None
+    assert why.cause == "controller"
+    assert re.fullmatch(
+        r"within every limit, .* reference at 0\.[56]\d s, on both feet", why.evidence
+    )
