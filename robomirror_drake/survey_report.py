@@ -86,9 +86,10 @@ def lines(rows: Sequence[Row]) -> list[Line]:
 
 def print_survey(rows: Sequence[Row], console: Console) -> None:
     """Prints a line for each action and tempo, and how many of each group stayed upright."""
+    words = ("action", "group", "upright", "fell [s]", "cause", "tempo")
+    errors = ("joints [rad]", "from raw", "root [cm]", "from raw", "saturated [%]")
     table = Table(
-        *("action", "group", "upright", "fell at [s]", "cause", "tempo"),
-        *("joints [rad]", "from raw", "root [cm]", "from raw", "saturated [%]"),
+        *map(escape, words + errors), title="errors: mean, to the plan and to its raw reference"
     )
     for line in lines(rows):
         color = (

@@ -141,6 +141,7 @@ def test_table_says_what_fell_and_why() -> None:
     printed = text.getvalue()
     assert "L_KNEE at its <200> N·m" in printed
     assert "PlanningError: too short" in printed
+    assert "joints [rad]" in printed
     assert "dynamic: 1 of 3 upright" in printed
     assert "dynamic, slowed: 2 of 2 upright" in printed
 
