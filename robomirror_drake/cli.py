@@ -119,21 +119,29 @@ def run(
 
 
 @app.command()
-def motions(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
-    """List the actions and the recorded clips that the library knows."""
-    from robomirror_drake.motion.library import library
-    from robomirror_drake.motion.mocap import list_clips
+def motions(
+    explain: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Show how a command is understood.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="As JSON; into a file where one is named after it.")
+    ] = False,
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", hidden=True)] = None,
+) -> None:
+    """List the actions and the recorded clips that the library knows, or explain a command."""
+    from robomirror_drake import explanation
 
-    actions = library().values()
-    if as_json:
-        rows = [a.model_dump(include={"name", "group", "description", "side"}) for a in actions]
-        out.print_json(json.dumps({"actions": rows, "clips": list_clips()}))
-        return
-    table = Table("action", "group", "a person …", "for example")
-    for action in actions:
-        table.add_row(action.name, action.group, action.description, action.paraphrases[0])
-    out.print(table)
-    out.print(f"clips, as clip:NAME: {', '.join(list_clips())}")
+    if file is not None and not as_json:
+        raise InputError(f"{file}: say --json before the file to write, or --explain before words")
+    check_file(file)
+    figures = explanation.listing() if explain is None else explanation.of(explain)
+    if as_json and file is None:
+        out.print_json(json.dumps(figures))
+    elif explain is not None:
+        explanation.print_clauses(figures, out)
+    elif file is None:
+        explanation.print_listing(out)
+    write_json(file, figures)
 
 
 @app.command("scenario")

@@ -46,6 +46,19 @@ def test_motions_as_json_has_every_action(monkeypatch, capsys):
     }
 
 
+def test_explanation_of_a_command(monkeypatch, capsys, tmp_path):
+    text = "walks four steps while waving the left hand, then kicks twice"
+    place = tmp_path / "clauses.json"
+    assert robomirror(monkeypatch, "motions", "--explain", text, "--json", str(place)) == 0
+    assert "front_kick" in capsys.readouterr().out
+    walk, wave, kick = json.loads(place.read_text())["clauses"]
+    assert (walk["action"], walk["count"], walk["relation"]) == ("walk", 4, "follows")
+    assert (wave["action"], wave["side"], wave["relation"]) == ("wave", "left", "accompanies")
+    assert (kick["action"], kick["group"], kick["count"]) == ("front_kick", "dynamic", 2)
+    assert robomirror(monkeypatch, "motions", "--explain", "a person plays the violin") == 2
+    assert "nearest" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -21,6 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("messages", "exceptions", "assets"),
     ("yaml_file",),
     ("robot_spec", "urdf", "robot", "optimization", "motion", "outcome"),
+    ("explanation",),
     ("disturbance",),
     ("disturbance_draw",),
     ("systems", "plant"),

@@ -47,7 +47,7 @@ class Action(BaseModel):
     group: Group
     description: str = Field(description="What it is, after 'a person'.")
     side: Side = Field(description="Which side does it when the words leave it open.")
-    clip: tuple[str, ...] = Field((), description="Recorded motions it is played from.")
+    clip: tuple[str, ...] = Field((), description="Recordings to play; '' is the written one.")
     words: tuple[str, ...] = Field(min_length=1, description="Regular expressions of its words.")
     phrases: tuple[str, ...] = Field(min_length=15, description="What may follow 'a person'.")
 
@@ -98,7 +98,7 @@ def library() -> dict[str, Action]:
     text = files("robomirror_drake.assets").joinpath("actions.yaml").read_text(encoding="utf-8")
     actions = {name: Action(name=name, **entry) for name, entry in yaml.safe_load(text).items()}
     moving = _WRITTEN.keys() | keyed_actions().keys()
-    lost = [name for name, action in actions.items() if not (name in moving or action.clip)]
+    lost = [n for n, a in actions.items() if n not in moving and not (a.clip and all(a.clip))]
     if lost:
         raise ValueError(f"actions.yaml: nothing says how to move for {', '.join(lost)}")
     return actions

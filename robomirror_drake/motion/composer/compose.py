@@ -112,7 +112,7 @@ def _arms_of(clause: Clause, cue: Cue) -> set[str]:
 def clip_of(clause: Clause, style: Style) -> str | None:
     """The recording that a clause is played from; None for a parametric action."""
     clips = library()[clause.action].clip
-    return clips[int(style.mirrored) % len(clips)] if clips else None
+    return clips[int(style.mirrored) % len(clips)] or None if clips else None
 
 
 def cue_of(clause: Clause, style: Style) -> Cue:

@@ -79,7 +79,7 @@ _RECOVERY = re.compile(
     r"|(?:up|down)(?: again)?|back(?: up| down| again)|wak\w* up"
     r"|(?:keep|hold|stay)\w* (?:it|them|there|(?:that|the|this) (?:pose|position))"
     r"(?: (?:there|up|for|a|while|moment))*"
-    r"|retracts? (?:it|them)|steps? (?:down|off)"
+    r"|retracts? (?:it|them)|steps? (?:back )?(?:down|off)|(?:regain|recover)\w*(?: \w+)? balance"
     r")(?: (?:again|slowly|quickly|after\w*))*$"
 )
 # Words of a fragment that has no action of its own: the one before, otherwise.

@@ -52,26 +52,45 @@ _COUNT = re.compile(
     r"|people|while|little|half|quarter)\b(?! ?-?step))(?:\w+[ -]){0,2}?"
     r"(?:times?|steps?|strides?|paces|reps|repetitions|rounds|\w+s)\b"
 )
+_ARTICLE = re.compile(r"\b(?:a|an)\b(?! (?:few|couple|hundred|half))")
+_A_STEP = re.compile(
+    r"\b(?:a|an|one) (?:(?!box|side|waltz|salsa|dance|cross|grapevine|basic|mambo)\w+[ -]){0,2}?"
+    r"(?:step|time|stride)\b"
+)
 _SINGLE = re.compile(
     r"\bone (?:(?:more|big|small|single|quick|high|low|deep|left|right) )*"
     r"(?:step|stride|jump|clap|bow|kick|punch|jab|squat|hop|lunge|leap|nod|wave|spin|turn|stomp|round)\b"
 )
 _TIMES = re.compile(r"\b(once|twice|thrice)\b")
 
+_AGED = r"like an? (?:old|elderly|tired) \w+|(?:old|elderly) (?:man|woman|person|lady)"
+_ANGRY = r"angry|angrily|aggressive\w*|violent\w*|wild(?:ly)?|enthusiastic\w*"
+_HAPPY = r"happ(?:y|ily)|cheerful\w*|excited\w*|joyful\w*"
 _TEMPO: tuple[tuple[str, float], ...] = (
-    (r"very slow\w*|extremely slow\w*", 0.55),
-    (r"slow\w*|cautious\w*|careful\w*|leisurely|calm\w*|gentl[ey]|unhurried\w*", 0.7),
-    (r"very (?:quick|fast|rapid)\w*|as fast as possible", 1.6),
-    (r"quick\w*|fast|rapid\w*|swift\w*|brisk\w*|hurried\w*|energetic\w*", 1.35),
-)
+    (r"(?:very|extremely|really|so) slow\w*|in slow motion|at a snail's pace", 0.55),
+    (rf"{_AGED}|exhausted\w*|wear(?:y|ily)|tired\w*|sad(?:ly)?|depressed\w*|sluggish\w*", 0.65),
+    (r"slow\w*|cautious\w*|careful\w*|leisurely|calm\w*|gentl[ey]|unhurried\w*|graceful\w*"
+     r"|casual\w*|relaxed|lazy|lazily|hesitant\w*|timid\w*|shy(?:ly)?|solemn\w*", 0.75),
+    (r"(?:very|extremely|really|so) (?:quick|fast|rapid)\w*|frantic\w*|furious\w*"
+     r"|explosive\w*", 1.6),
+    (rf"{_ANGRY}|quick\w*|fast|faster|rapid\w*|swift\w*|brisk\w*|hurried\w*|in a hurry"
+     r"|sudden\w*|speed\w*|energetic\w*|vigorous\w*", 1.35),
+    (rf"{_HAPPY}|nervous\w*|determined\w*", 1.15),
+)  # fmt: skip
 _AMPLITUDE: tuple[tuple[str, float], ...] = (
-    (r"little while|little bit later", 1.0),
-    (r"(?:very|extremely) (?:high|big|large|wide|long|deep)\w*|huge|as (?:high|far|deep) as", 1.5),
-    (r"high\w*|big|large|wide\w*|long|deep\w*|far|great|tall", 1.3),
-    (r"low|small|short|little|slight\w*|tiny|shallow\w*|light\w*|a bit", 0.7),
-)
+    (r"little while|little bit later|so far", 1.0),
+    (r"(?:very|extremely|really) (?:high|big|large|wide|long|deep|far|hard)\w*|huge|giant"
+     r"|enormous|as (?:high|far|deep) as|exaggerated|furious\w*|explosive\w*", 1.5),
+    (rf"{_ANGRY}|high\w*|big|bigger|large|wide\w*|long|deep\w*|far|great|tall|hard|powerful\w*"
+     r"|strong\w*|forceful\w*|dramatic\w*", 1.3),
+    (rf"{_HAPPY}|energetic\w*|vigorous\w*|confident\w*", 1.15),
+    (rf"{_AGED}|low|small|short|little|slight\w*|tiny|shallow\w*|light(?:ly)?|a bit|shy(?:ly)?"
+     r"|timid\w*|sad(?:ly)?|subtl[ey]|tired\w*", 0.7),
+    (r"careful\w*|cautious\w*|gentl[ey]|nervous\w*|hesitant\w*", 0.85),
+)  # fmt: skip
+"""Words and the factors that they stand for; of an adverb of style, both its tempo and its size."""
 
-MAX_COUNT, MAX_DISTANCE, MAX_SPEED, MAX_ANGLE = 50, 20.0, 1.2, 1080.0
+MAX_COUNT, MAX_DISTANCE, MAX_SPEED, MAX_ANGLE = 50, 20.0, 4.0, 1080.0
 
 
 def _value(word: str) -> float:
@@ -143,21 +162,13 @@ def count_of(text: str) -> int | None:
     for unit in (_SPEED, _ANGLE, _DISTANCE):
         text = unit.sub(" ", text)
     text = _VAGUE.sub(" ", text)
-    found = next((m for m in _COUNT.finditer(text) if _counts(m)), None)
+    found = _COUNT.search(_ARTICLE.sub(" ", text).replace("one ", " "))
     if found is None:
-        return 1 if _SINGLE.search(text) else None
+        return 1 if _SINGLE.search(text) or _A_STEP.search(text) else None
     count = _within(_value(found[1]), 1, MAX_COUNT, "repetitions", text)
     if count != int(count):
         raise InputError(f"{found[0]!r}: give a whole number of repetitions")
     return int(count)
-
-
-def _counts(found: re.Match[str]) -> bool:
-    """Whether a number before a noun counts; an article does only before a step."""
-    if found[1] not in ("a", "an", "one"):
-        return True
-    named = re.search(r"(?:box|side|waltz|salsa|dance|cross|grapevine|basic|mambo) step$", found[0])
-    return found[0].endswith(("step", "time", "stride")) and not named
 
 
 def tempo_of(text: str) -> float:

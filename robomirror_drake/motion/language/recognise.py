@@ -9,6 +9,7 @@ from robomirror_drake.exceptions import UnknownCommandError
 from robomirror_drake.motion.language import quantities
 from robomirror_drake.motion.language.classifier import UNKNOWN, meaning
 from robomirror_drake.motion.language.fragments import SUBJECT
+from robomirror_drake.motion.language.unknown import foreign
 from robomirror_drake.motion.library import library
 
 THRESHOLD = 0.45
@@ -64,13 +65,14 @@ def ranking(text: str) -> dict[str, float]:
     bare = SUBJECT.sub("", f"{text} ").strip()
     bare = quantities.without_quantities(bare) or bare
     probability = meaning(f"a person {bare}")
-    doubt = probability[UNKNOWN]
+    alien = foreign(text)
+    doubt = 1.0 if alien else probability[UNKNOWN]
     total = {}
     for name in library():
         found = len(matches(text).get(name, ""))
-        counts = found and not (doubt > VETO and found < FIRM)
+        counts = found and (doubt <= VETO or found >= max(FIRM, len(alien) + 1))
         bonus = WORD_BONUS + LENGTH_BONUS * min(found, LONGEST) if counts else 0.0
-        total[name] = probability[name] + bonus
+        total[name] = (0.0 if alien and not counts else probability[name]) + bonus
     return dict(sorted(total.items(), key=lambda item: -item[1]))
 
 

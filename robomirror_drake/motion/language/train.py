@@ -11,12 +11,12 @@ import hashlib
 from importlib.resources import as_file, files
 
 import numpy as np
-import yaml
 from scipy.optimize import minimize
 
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.language.classifier import UNKNOWN, WEIGHTS
 from robomirror_drake.motion.language.encoder import embed
+from robomirror_drake.motion.language.unknown import unknown
 from robomirror_drake.motion.library import library
 
 SEED = 0
@@ -35,12 +35,9 @@ _SUBJECTS = ("a person", "a man", "the figure", "someone")
 def corpus() -> tuple[list[str], list[str]]:
     """Sentences, and the class of each."""
     rng = np.random.default_rng(SEED)
-    unknown = yaml.safe_load(
-        files("robomirror_drake.assets").joinpath("unknown.yaml").read_text(encoding="utf-8")
-    )
     groups = {name: action.phrases for name, action in library().items()}
     sentences, classes = [], []
-    for name, phrases in (groups | {UNKNOWN: tuple(unknown)}).items():
+    for name, phrases in (groups | {UNKNOWN: unknown().phrases}).items():
         for phrase in phrases:
             sentences.append(f"a person {phrase}")
             classes.append(name)
