@@ -20,6 +20,7 @@ chain rule to x, ẋ, ẍ is here.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from robomirror_drake.messages import Array
-from robomirror_drake.optimization.kinematics import body_poses, make_tree
+from robomirror_drake.optimization.kinematics import Tree, body_poses, make_tree
 from robomirror_drake.robot import Robot, rotation_matrix
 
 GRAVITY = 9.81
@@ -172,6 +173,11 @@ def _chain(J: Array, base: Array) -> Array:
     return np.concatenate([J[:, :, :6] @ base, J[:, :, 6:]], axis=2)
 
 
+@lru_cache(maxsize=8)
+def _tree(robot: Robot) -> Tree:
+    return make_tree(robot)
+
+
 def sample(
     robot: Robot, frames: list[int], x: Array, xd: Array, xdd: Array, *, derivatives: bool
 ) -> Samples:
@@ -184,7 +190,7 @@ def sample(
         derivatives: Whether to evaluate the Jacobians too.
     """
     model, at = robot.model, tangent(x, xd, xdd)
-    tree, data = make_tree(robot), model.createData()
+    tree, data = _tree(robot), model.createData()
     still = np.concatenate([x[:, 4:7], np.zeros((len(x), 3)), x[:, 7:]], axis=1)
     R, p = body_poses(tree, rotation_matrix(unit_quaternions(x)[:, :4]), still)
     links = _link_poses(model, frames, R, p)

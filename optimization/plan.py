@@ -15,7 +15,7 @@ from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_result import planned_reference
 from robomirror_drake.optimization.plan_setup import Knots, first_guess, limits, pad, problem
-from robomirror_drake.optimization.plan_solver import WARM, solve
+from robomirror_drake.optimization.plan_solver import NEAR, solve
 from robomirror_drake.robot import Robot
 
 __all__ = ["PlanOptions", "plan_dynamics"]
@@ -97,7 +97,7 @@ def _at_tempo(
         limits(robot, options),
         iterations=options.iterations,
         tolerance=options.tolerance,
-        level=0 if near is None else WARM,
+        level=0 if near is None else NEAR,
     )
     basis = knots.basis(padded.time)
     plan = planned_reference(robot, reference, padded, basis, solution.control, options)

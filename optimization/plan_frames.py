@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -33,6 +34,7 @@ class Frames:
     capsules: CapsulePairs
 
     @staticmethod
+    @lru_cache(maxsize=8)
     def of(robot: Robot) -> Frames:
         """The sole corners, keypoints and trunk links of a robot."""
         keypoints = robot.spec.keypoints.values()

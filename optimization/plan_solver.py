@@ -15,7 +15,9 @@ from robomirror_drake.optimization.plan_step import StepModel
 from robomirror_drake.optimization.plan_torque import split_of
 
 _CONTINUATION = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
-WARM = 4  # level at which to begin with a good guess
+NEAR, WARM = 3, 5
+"""Levels at which to begin with a fair guess, and with one that nearly is a plan."""
+
 _SPLITS = (2, 5)  # levels at whose start the feet share the wrench anew
 _PENALTY = {
     "wrench": Penalty(30.0, 2e-3),
@@ -139,7 +141,8 @@ def solve(
         limits: (30,), (30,) bounds of the control points, and so of the trajectory.
         iterations: Most linearizations.
         tolerance: Constraint violation at which the iterations end.
-        level: Of the continuation at which to begin; ``WARM`` with a good guess.
+        level: Of the continuation at which to begin; ``NEAR`` or ``WARM``
+            with a guess that is no kinematic reference.
 
     Raises:
         PlanningError: The Gauss–Newton matrix could not be factorized.

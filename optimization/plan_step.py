@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import Array
@@ -30,9 +31,10 @@ from robomirror_drake.optimization.plan_problem import (
 )
 
 _NEWTON_STEPS = 8
-_PRECISION = 0.02  # share of the decrease so far below which another Newton step is not worth it
+_PRECISION = 0.1  # share of the decrease so far below which another Newton step is not worth it
 _LENGTHS = 0.7 ** np.arange(14)
 _LEAST_CURVATURE = 1e-3
+_LEAST_STIFFNESS = 1e-2  # a row far within its bounds bends the model less than all else does
 
 Terms = dict[str, BoundTerms]
 
@@ -145,19 +147,12 @@ class StepModel:
         slope, stiffness = _joined(terms, POSE)
         gradient = spline.spread_gradient(basis, (slope[:, None] @ at.of_pose)[:, 0])
         J = np.sqrt(stiffness)[..., None] * at.of_pose
-        on_pose = np.swapaxes(J, 1, 2) @ J
-        slope, stiffness = _joined(terms, EFFORT)
-        J = np.sqrt(stiffness)[..., None] * at.of_effort
-        transposed = np.swapaxes(J, -1, -2)
         band = spline.zero_band(basis.points, 30)
-        for i in range(3):
-            on_order = (slope[:, None] @ at.of_effort[i])[:, 0]
-            gradient = gradient + spline.spread_gradient(basis, on_order, i)
-            for j in range(i + 1):
-                block = transposed[i] @ J[j]
-                if i == 0:
-                    block += on_pose
-                spline.add_blocks(band, basis, block, rows=i, columns=j)
+        spline.add_blocks(band, basis, np.swapaxes(J, 1, 2) @ J, rows=0, columns=0)
+        slope, stiffness = _joined(terms, EFFORT)
+        _add_rows(band, basis.first, basis.weights, at.of_effort, stiffness)
+        for order, J in enumerate(at.of_effort):
+            gradient = gradient + spline.spread_gradient(basis, (slope[:, None] @ J)[:, 0], order)
         limits = self.problem.robot.velocity_limits
         speed = np.zeros((2, len(slope), 30))
         speed[0, :, 7:] = terms["speed"].slope / limits
@@ -176,3 +171,31 @@ def _joined(terms: Terms, names: tuple[str, ...]) -> tuple[Array, Array]:
     """Slopes and curvatures of several groups side by side."""
     slope = np.concatenate([terms[name].slope for name in names], axis=1)
     return slope, np.concatenate([terms[name].curvature for name in names], axis=1)
+
+
+@njit(cache=True)
+def _add_rows(band, first, weights, jacobians, stiffness):  # type: ignore[no-untyped-def]
+    """Adds Σ c bᵀ b for rows with derivatives (3, T, m, n) by x, ẋ, ẍ and stiffness c (T, m).
+
+    b is a row's derivative by the four control points that act on its sample, which are
+    neighbours in the band.
+    """
+    _, T, m, n = jacobians.shape
+    b = np.empty(4 * n)
+    for t in range(T):
+        start = first[t] * n
+        for row in range(m):
+            c = stiffness[t, row]
+            if c < _LEAST_STIFFNESS:
+                continue
+            for r in range(4):
+                for k in range(n):
+                    b[r * n + k] = (
+                        weights[0, t, r] * jacobians[0, t, row, k]
+                        + weights[1, t, r] * jacobians[1, t, row, k]
+                        + weights[2, t, r] * jacobians[2, t, row, k]
+                    )
+            for j in range(4 * n):
+                column, scale = band[start + j], c * b[j]
+                for d in range(4 * n - j):
+                    column[d] += scale * b[j + d]

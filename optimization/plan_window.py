@@ -83,21 +83,23 @@ def plan_window(
     options = options or PlanOptions()
     padded, knots = _laid_out(window, options.knot_spacing, last)
     guess = first_guess(padded, knots)
-    ending = None if last else guess[-_KEPT:].copy()
+    if not last:
+        end = State(window.q[-1], window.v[-1], window.a[-1])
+        late = knots.intervals * knots.spacing - window.duration
+        guess[-_KEPT:] = _at_knot(end, knots.spacing, padded.q[-1], late)
     if isinstance(start, Warm):
-        guess = _continued(guess, start)
-        if ending is not None and ending[-1, :4] @ guess[-1, :4] < 0.0:
-            ending[:, :4] *= -1.0
+        guess, ending = _continued(guess, start)
         iterations, level = options.window_iterations, WARM
     else:
-        guess[:_KEPT] = _leading(start, knots.spacing, padded.q[0])
+        ending = guess[-_KEPT:].copy()
+        guess[:_KEPT] = _at_knot(start, knots.spacing, padded.q[0])
         iterations, level = options.iterations, 0
     made, standing = problem(robot, padded, knots, options)
     x = spline.evaluate(knots.basis(padded.time[:1]), guess)
     frames = Frames.of(robot)
     links = centroidal.sample(robot, frames.links, x, 0 * x, 0 * x, derivatives=False).links
     solution = solve(
-        replace(made, fixed=_KEPT, ending=ending),
+        replace(made, fixed=_KEPT, ending=None if last else ending),
         standing._replace(held=frames.points(links)[0, :8].reshape(2, 4, 3)),
         guess,
         limits(robot, options),
@@ -128,25 +130,34 @@ def _laid_out(window: RobotReference, spacing: float, last: bool) -> tuple[Padde
     return padded, Knots(spacing, intervals, (False, last))
 
 
-def _leading(start: State, spacing: float, near: Array) -> Array:
-    """(3, 30) control points that begin in a state, its quaternion like that of ``near``."""
-    q = start.q.copy()
+def _at_knot(state: State, spacing: float, near: Array, later: float = 0.0) -> Array:
+    """(3, 30) control points that pass a knot in a state, or go on from it until the knot.
+
+    Args:
+        state: The state.
+        spacing: Distance of the knots [s].
+        near: (30,) configuration whose sign the quaternion is to have.
+        later: How long after the state the knot is [s].
+    """
+    q = state.q.copy()
     q[:4] *= 1.0 if q[:4] @ near[:4] >= 0.0 else -1.0
-    x, v, a = q[None], start.v[None], start.a[None]
+    x, v, a = q[None], state.v[None], state.a[None]
     xd, xdd = chart_rate(x, v), chart_acceleration(x, v, a)
-    bend = spacing**2 * xdd
-    middle = x - bend / 6.0
-    return np.concatenate(
-        [middle - spacing * xd + bend / 2.0, middle, middle + spacing * xd + bend / 2.0]
-    )
+    x, xd = x + later * xd + 0.5 * later**2 * xdd, xd + later * xdd
+    middle, bend = x - spacing**2 * xdd / 6.0, 0.5 * spacing**2 * xdd
+    return np.concatenate([middle - spacing * xd + bend, middle, middle + spacing * xd + bend])
 
 
-def _continued(guess: Array, warm: Warm) -> Array:
-    """Control points of the window before, and what follows moved to where they end."""
+def _continued(guess: Array, warm: Warm) -> tuple[Array, Array]:
+    """Control points of the window before and what follows, and the last three to come to.
+
+    What follows is moved over the floor to where those of the window before end.
+    """
     old = warm.control[warm.shift :][: len(guess)]
     end = len(old) - 1
     sign = 1.0 if old[end, :4] @ guess[end, :4] >= 0.0 else -1.0
     guess = np.concatenate([sign * guess[:, :4], guess[:, 4:]], axis=1)
+    ending = guess[-_KEPT:].copy()
     guess[:, 4:6] += old[end, 4:6] - guess[end, 4:6]
     guess[: len(old)] = old
-    return guess
+    return guess, ending
