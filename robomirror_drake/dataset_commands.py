@@ -18,6 +18,7 @@ from robomirror_drake.terminal import check_file, console, out, progress_bars, w
 
 if TYPE_CHECKING:
     from robomirror_drake.dataset.generate import Progress
+    from robomirror_drake.dataset.options import DatasetOptions
     from robomirror_drake.dataset.summary import Cost, Summary, Tally
 
 app = typer.Typer(help="Executions at scale, as Parquet files.", no_args_is_help=True)
@@ -25,10 +26,14 @@ app = typer.Typer(help="Executions at scale, as Parquet files.", no_args_is_help
 PromptsOption = Annotated[
     str, typer.Option(help="CSV or text with one command a line, or a corpus in assets/prompts.")
 ]
-SeedOption = Annotated[int, typer.Option(help="Of all that is drawn.")]
-PerPromptOption = Annotated[int, typer.Option(help="Motions of each command.")]
+SettingsOption = Annotated[
+    str,
+    typer.Option(help="YAML with pushes, disturbances …, or the name of one in assets/datasets."),
+]
+SeedOption = Annotated[int | None, typer.Option(help="Of all that is drawn.")]
+PerPromptOption = Annotated[int | None, typer.Option(help="Motions of each command.")]
 ExecutionsOption = Annotated[
-    int, typer.Option(help="Of each motion: nominal, pushed, disturbed start or dynamics, …")
+    int | None, typer.Option(help="Of each motion: nominal, pushed, disturbed start or dynamics, …")
 ]
 ScenarioOption = Annotated[str, typer.Option(help="Scenario for all that is set elsewhere.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
@@ -38,7 +43,7 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figur
 def prompts(
     file: Annotated[Path, typer.Option("--out", help="CSV to write.")],
     count: Annotated[int, typer.Option(min=1, help="How many commands.")] = 9000,
-    seed: SeedOption = 0,
+    seed: Annotated[int, typer.Option(help="Of all choices.")] = 0,
 ) -> None:
     """Write a corpus of commands from the library's actions; takes some minutes.
 
@@ -74,9 +79,10 @@ def prompts(
 def generate(
     folder: Annotated[Path, typer.Option("--out", help="Folder of the data set; goes on there.")],
     prompts: PromptsOption = "corpus",
-    per_prompt: PerPromptOption = 10,
-    executions: ExecutionsOption = 3,
-    seed: SeedOption = 0,
+    per_prompt: PerPromptOption = None,
+    executions: ExecutionsOption = None,
+    seed: SeedOption = None,
+    settings: SettingsOption = "default",
     limit: Annotated[int | None, typer.Option(min=1, help="The first so many commands.")] = None,
     workers: Annotated[
         int | None,
@@ -93,14 +99,11 @@ def generate(
     """
     from robomirror_drake.config import load_scenario
     from robomirror_drake.dataset.generate import generate_dataset
-    from robomirror_drake.dataset.options import DatasetOptions
     from robomirror_drake.dataset.prompts import read_prompts
     from robomirror_drake.dataset.summary import summarise
-    from robomirror_drake.yaml_file import validate
 
-    given = {"seed": seed, "per_prompt": per_prompt, "executions": executions}
-    options = validate(DatasetOptions, given, "command line")
-    commands, settings = read_prompts(prompts), load_scenario(scenario)
+    options = _options(settings, seed=seed, per_prompt=per_prompt, executions=executions)
+    commands, base = read_prompts(prompts), load_scenario(scenario)
     bars = Bars(
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -120,7 +123,7 @@ def generate(
         done = generate_dataset(
             commands,
             options,
-            settings,
+            base,
             folder,
             workers=workers,
             address=address,
@@ -156,25 +159,23 @@ def scaling(
     prompts: PromptsOption = "corpus",
     commands: Annotated[int, typer.Option(min=1, help="How many commands.")] = 4,
     per_prompt: PerPromptOption = 1,
-    executions: ExecutionsOption = 3,
-    seed: SeedOption = 0,
+    executions: ExecutionsOption = None,
+    seed: SeedOption = None,
+    settings: SettingsOption = "default",
     workers: Annotated[int, typer.Option(min=2, help="The larger number of workers.")] = 2,
     scenario: ScenarioOption = "default",
     json_file: JsonOption = None,
 ) -> None:
     """Measure what more workers bring: the same commands with one and with more of them."""
     from robomirror_drake.config import load_scenario
-    from robomirror_drake.dataset.options import DatasetOptions
     from robomirror_drake.dataset.prompts import read_prompts
     from robomirror_drake.dataset.scaling import measure_scaling
     from robomirror_drake.dataset.unit import Job
-    from robomirror_drake.yaml_file import validate
 
     check_file(json_file)
-    given = {"seed": seed, "per_prompt": per_prompt, "executions": executions}
-    options = validate(DatasetOptions, given, "command line")
-    settings, chosen = load_scenario(scenario), read_prompts(prompts)[:commands]
-    jobs = [Job(number, prompt, options, settings) for number, prompt in enumerate(chosen)]
+    options = _options(settings, seed=seed, per_prompt=per_prompt, executions=executions)
+    base, chosen = load_scenario(scenario), read_prompts(prompts)[:commands]
+    jobs = [Job(number, prompt, options, base) for number, prompt in enumerate(chosen)]
     with console.status("measuring"):
         measured = measure_scaling(jobs, (1, workers))
     table = Table("workers", "simulated s / s", "a core [CPU time]", "times one worker")
@@ -189,6 +190,16 @@ def scaling(
         )
     out.print(table)
     write_json(json_file, {"rows": [row._asdict() for row in measured]})
+
+
+def _options(name: str, **changes: int | None) -> DatasetOptions:
+    """The settings of that name with what the command line says instead."""
+    from robomirror_drake.dataset.options import DatasetOptions
+    from robomirror_drake.yaml_file import load_yaml, validate
+
+    given = {key: value for key, value in changes.items() if value is not None}
+    base = load_yaml(DatasetOptions, "datasets", name)
+    return validate(DatasetOptions, base.model_dump() | given, "command line")
 
 
 def _progress(progress: Progress) -> str:

@@ -48,6 +48,7 @@ def test_a_data_set_of_failures_is_made_and_told(monkeypatch, capsys, tmp_path):
         (("generate", "--out", "p.txt", "--prompts", "p.txt", "--workers", "0"), "p.txt"),
         (("generate", "--out", "d", "--prompts", "p.txt", "--limit", "0"), "limit"),
         (("generate", "--prompts", "p.txt"), "out"),
+        (("generate", "--out", "d", "--prompts", "p.txt", "--settings", "q.yaml"), "push_sped"),
         (("info", "nowhere"), "nowhere is no data set"),
         (("prompts", "--out", "p.txt/corpus.csv"), "is no folder"),
     ],
@@ -55,6 +56,7 @@ def test_a_data_set_of_failures_is_made_and_told(monkeypatch, capsys, tmp_path):
 def test_bad_input_exits_2_with_a_reason(monkeypatch, capsys, tmp_path, arguments, message):
     monkeypatch.chdir(tmp_path)
     Path("p.txt").write_text(UNKNOWN)
+    Path("q.yaml").write_text("push_sped: [0.1, 0.2]")
     assert robomirror(monkeypatch, "dataset", *arguments) == 2
     printed = capsys.readouterr()
     assert message in " ".join((printed.err + printed.out).split())

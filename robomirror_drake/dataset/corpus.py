@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from importlib.resources import files
 
 import numpy as np
@@ -16,6 +15,8 @@ from robomirror_drake.dataset.grammar import (
     Meaning,
     Proposal,
     grammar,
+    key,
+    matches,
     phrases,
     propose,
     understood,
@@ -85,23 +86,10 @@ def _add(corpus: Corpus, found: dict[str, Prompt], action: str, rng: np.random.G
         if made.text in found:
             continue
         corpus.proposed += 1
-        if same(understood(made.text), made.meaning):
+        if matches(understood(made.text), made.meaning):
             found[made.text] = _prompt(made, "grammar")
             return
         corpus.refused[action] += 1
-
-
-def same(a: tuple[Meaning, ...] | None, b: tuple[Meaning, ...]) -> bool:
-    """Whether two commands mean the same; numbers up to rounding."""
-    return a is not None and _key(a) == _key(b)
-
-
-def _key(meaning: tuple[Meaning, ...]) -> str:
-    rounded = [
-        [round(value, 3) if isinstance(value, float) else value for value in astuple(clause)]
-        for clause in meaning
-    ]
-    return json.dumps(rounded)
 
 
 def _prompt(made: Proposal, origin: str) -> Prompt:
@@ -119,7 +107,7 @@ def _prompt(made: Proposal, origin: str) -> Prompt:
 
 def _split(meaning: tuple[Meaning, ...]) -> Split:
     """By a hash of what is meant, so that it does not depend on the other commands."""
-    digest = hashlib.sha256(_key(meaning).encode()).digest()
+    digest = hashlib.sha256(key(meaning).encode()).digest()
     place, upper = int.from_bytes(digest[:4], "little") / 2**32, 0.0
     for split, share in SHARES:
         upper += share

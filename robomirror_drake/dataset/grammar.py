@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cache
 from importlib.resources import files
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import yaml
@@ -19,6 +20,7 @@ from robomirror_drake.motion.library import library
 from robomirror_drake.motion.text import parse
 
 T = TypeVar("T")
+Direction = Literal["less", "more"]
 Value = int | float | str | None
 
 MANY = (0.3, 0.42, 0.22, 0.06)
@@ -50,14 +52,17 @@ class Grammar(BaseModel):
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a clause asks for; see :class:`~robomirror_drake.motion.text.Clause`."""
+    """What a clause asks for; see :class:`~robomirror_drake.motion.text.Clause`.
+
+    Tempo and amplitude are ``less`` or ``more`` than usual, None where they are left open.
+    """
 
     action: str
     side: str | None = None
     count: int | None = None
     speed: float | None = None
-    tempo: float = 1.0
-    amplitude: float = 1.0
+    tempo: Direction | None = None
+    amplitude: Direction | None = None
     angle: float | None = None
     distance: float | None = None
     accompanies: bool = False
@@ -96,11 +101,35 @@ def understood(text: str) -> tuple[Meaning, ...] | None:
         return None
     return tuple(
         Meaning(
-            c.action, c.side, c.count, c.speed, c.tempo, c.amplitude, c.angle, c.distance,
-            c.accompanies,
+            c.action, c.side, c.count, c.speed, _direction(c.tempo), _direction(c.amplitude),
+            c.angle, c.distance, c.accompanies,
         )
         for c in clauses
     )  # fmt: skip
+
+
+def matches(heard: tuple[Meaning, ...] | None, meant: tuple[Meaning, ...]) -> bool:
+    """Whether a command is understood as what is meant; what is left open may be anything."""
+    if heard is None or len(heard) != len(meant):
+        return False
+    return all(
+        key((replace(a, tempo=b.tempo and a.tempo, amplitude=b.amplitude and a.amplitude),))
+        == key((b,))
+        for a, b in zip(heard, meant, strict=True)
+    )
+
+
+def key(meaning: tuple[Meaning, ...]) -> str:
+    """The same text for the same meaning; numbers up to rounding."""
+    rounded = [
+        [round(value, 3) if isinstance(value, float) else value for value in astuple(clause)]
+        for clause in meaning
+    ]
+    return json.dumps(rounded)
+
+
+def _direction(factor: float) -> Direction | None:
+    return None if abs(factor - 1.0) < 0.01 else "less" if factor < 1.0 else "more"
 
 
 @cache
@@ -151,15 +180,15 @@ def _clause(action: str, known: Phrases, rng: np.random.Generator) -> Worded:
     slots = said.slots.get(action, said.slots[library()[action].group])
     for kind in rng.permutation(list(slots))[: rng.choice(len(MANY), p=MANY)]:
         field = said.fields[kind]
-        if field == "mood":
-            if re.search(r"ly\b", words):
-                continue
-        elif not _open(meaning, field, said.extents):
+        # A mood has a tempo of its own.
+        manner = field in ("mood", "tempo") and re.search(r"ly\b|\blike\b", words)
+        if manner or not _open(meaning, field, said.extents):
             continue
         modifier = _one(tuple(said.modifiers[kind]), rng)
         meaning = _with(meaning, field, said.modifiers[kind][modifier])
         plain = words == chosen.words and not words.startswith("is ")
-        before = kind in said.front and plain and rng.random() < 0.6
+        adverb = kind in said.front and modifier.endswith("ly")
+        before = adverb and plain and rng.random() < 0.6
         words = f"{modifier} {words}" if before else f"{words} {modifier}"
     return Worded(words, meaning)
 
@@ -175,8 +204,8 @@ def _with(meaning: Meaning, field: str, value: Value) -> Meaning:
 
 def _open(meaning: Meaning, field: str, extents: tuple[str, ...]) -> bool:
     """Whether a clause says nothing yet about a quantity."""
-    fields = extents if field in extents else (field,)
-    return all(getattr(meaning, name) in (None, 1.0) for name in fields)
+    fields = extents if field in extents else ("tempo",) if field == "mood" else (field,)
+    return all(getattr(meaning, name) is None for name in fields)
 
 
 def _one(values: Sequence[T], rng: np.random.Generator) -> T:
