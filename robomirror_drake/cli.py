@@ -201,7 +201,7 @@ def survey(
     ] = 1,
     slowest: Annotated[
         float | None,
-        typer.Option(help="Do all a second time, slowed down where needed, to this tempo at most."),
+        typer.Option(help="Do all again, slowed down to this tempo at most where need be."),
     ] = None,
     json_file: JsonOption = None,
     html: Annotated[Path | None, typer.Option(help="Write a page with plots here.")] = None,

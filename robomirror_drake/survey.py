@@ -33,6 +33,9 @@ RENEWED = 40
 SLOWEST = 0.2
 """No plan is slower than this."""
 
+NO_SLOWER = 0.01
+"""Difference of two tempi that is none."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -45,6 +48,7 @@ class Row:
         seed: Of the disturbances.
         scenario: Name of the scenario.
         slowest: Slowest tempo that the plan was allowed; None where the scenario decides.
+            ``time_scale`` is nearer to 1 where the motion flies, which keeps its tempo.
         fell, fall_time_s, fall_cause, cause, cause_evidence, A_q, A_p, torque_saturation,
         duration_s: As in :class:`~robomirror_drake.messages.Outcome`; A_q and A_p are
             against the plan.
@@ -217,11 +221,25 @@ def _leave_interrupts_alone() -> None:
 
 
 def execute(task: Task) -> list[Row]:
-    """Plans a task's motion once and executes it with every seed."""
+    """Plans a task's motion once and executes it with every seed.
+
+    A plan that may be slowed down is so as far as it must; if the robot falls all the same,
+    the motion is planned and executed again, as slow as it may be.
+    """
+    rows = _executed(task, task.scenario)
+    if task.slowest is None or not any(row.fell for row in rows):
+        return rows
+    if all((row.time_scale or 1.0) < task.slowest + NO_SLOWER for row in rows):
+        return rows
+    planner = task.scenario.planner.model_copy(update={"time_scale": task.slowest})
+    return _executed(task, task.scenario.model_copy(update={"planner": planner}))
+
+
+def _executed(task: Task, scenario: Scenario) -> list[Row]:
     with threadpool_limits(1):
         try:
-            robot = load_robot(task.scenario.robot)
-            raw, plan = _plans(robot, task.scenario)
+            robot = load_robot(scenario.robot)
+            raw, plan = _plans(robot, scenario)
         except Exception as error:  # whatever it is, the other rows shall be done
             return task.failed(f"{type(error).__name__}: {error}")
         return [_row(robot, task, raw, plan, seed) for seed in task.seeds]

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from robomirror_drake import survey
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import ConfigError, InputError
 from robomirror_drake.motion.library import library
@@ -72,6 +73,24 @@ def test_slowest_does_everything_twice() -> None:
     assert (slow.slowest, slow.scenario.planner.slowest) == (0.6, 0.6)
     with pytest.raises(ConfigError, match="slowest"):
         survey_tasks(Scenario(), ["bow"], slowest=1.5)
+
+
+@pytest.mark.parametrize(("fell", "tempi"), [(True, [1.0, 0.6]), (False, [1.0])])
+def test_what_falls_though_its_plan_is_sound_is_slowed_all_the_way(
+    monkeypatch, fell, tempi
+) -> None:
+    tried = []
+
+    def executed(task, scenario):
+        tried.append(scenario.planner.time_scale)
+        return [task.row(0, fell=fell, time_scale=scenario.planner.time_scale)]
+
+    monkeypatch.setattr(survey, "_executed", executed)
+    full, slow = survey_tasks(Scenario(), ["bow"], slowest=0.6)
+    (row,) = execute(slow)
+    assert tried == tempi
+    assert row.time_scale == tempi[-1]
+    assert execute(full)[0].time_scale == 1.0
 
 
 @pytest.mark.parametrize("flies", [False, True])
