@@ -56,9 +56,9 @@ def test_the_grammar_speaks_of_the_library():
 
 def test_most_proposals_are_understood_as_they_are_meant():
     """All clauses, sides, counts, speeds, sizes, angles and distances."""
-    known, rng = phrases(), np.random.default_rng(3)
-    assert len(known) >= 0.95 * len(library())
-    names = list(known)
+    names = tuple(library())[::8]
+    known, rng = phrases(names), np.random.default_rng(3)
+    assert tuple(known) == names
     proposals = [propose(names[i], known, rng) for i in rng.integers(len(names), size=60)]
     right = sum(matches(understood(made.text), made.meaning) for made in proposals)
     assert right >= 0.75 * len(proposals)
@@ -77,12 +77,12 @@ def test_meanings_are_told_apart():
 
 
 def test_a_small_corpus_is_the_same_again():
-    corpus = make_corpus(140, seed=4)
+    corpus = make_corpus(140, seed=4, actions=tuple(library())[::8])
     texts = [prompt.text for prompt in corpus.prompts]
     assert len(set(texts)) == 140
     assert len(corpus.lost) <= 5
     assert {prompt.origin for prompt in corpus.prompts} == {"grammar", "hand"}
-    assert make_corpus(140, seed=4).prompts == corpus.prompts
+    assert make_corpus(140, seed=4, actions=tuple(library())[::8]).prompts == corpus.prompts
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ import yaml
 
 from robomirror_drake.dataset.grammar import (
     Meaning,
+    Phrases,
     Proposal,
     grammar,
     key,
@@ -48,7 +49,12 @@ class Corpus:
     lost: list[str] = field(default_factory=list)
 
 
-def make_corpus(count: int, seed: int = 0, report: Callable[[int], None] | None = None) -> Corpus:
+def make_corpus(
+    count: int,
+    seed: int = 0,
+    report: Callable[[int], None] | None = None,
+    actions: tuple[str, ...] = (),
+) -> Corpus:
     """Proposes commands until there are enough that are understood as what they mean.
 
     Groups have equal shares of them, and within a group so have its actions. Commands that
@@ -58,19 +64,19 @@ def make_corpus(count: int, seed: int = 0, report: Callable[[int], None] | None 
         count: How many.
         seed: Of all choices.
         report: Called with how many there are.
+        actions: Of the grammar's commands; empty for all of the library.
     """
     corpus, found = Corpus(), dict[str, Prompt]()
     for prompt in _hand_written(corpus):
         found[prompt.text] = prompt
-    rng, known = np.random.default_rng(seed), phrases()
+    rng, known = np.random.default_rng(seed), phrases(actions)
     groups: dict[str, list[str]] = {}
-    for name, action in library().items():
-        if name in known:
-            groups.setdefault(action.group, []).append(name)
+    for name in known:
+        groups.setdefault(library()[name].group, []).append(name)
     turn = 0
     while len(found) < count:
-        actions = list(groups.values())[turn % len(groups)]
-        _add(corpus, found, actions[turn // len(groups) % len(actions)], rng)
+        among = list(groups.values())[turn % len(groups)]
+        _add(corpus, found, among[turn // len(groups) % len(among)], known, rng)
         turn += 1
         if report is not None:
             report(len(found))
@@ -79,10 +85,12 @@ def make_corpus(count: int, seed: int = 0, report: Callable[[int], None] | None 
     return corpus
 
 
-def _add(corpus: Corpus, found: dict[str, Prompt], action: str, rng: np.random.Generator) -> None:
+def _add(
+    corpus: Corpus, found: dict[str, Prompt], action: str, known: Phrases, rng: np.random.Generator
+) -> None:
     """One more command that begins with an action, if one is found."""
     for _ in range(TRIES):
-        made = propose(action, phrases(), rng)
+        made = propose(action, known, rng)
         if made.text in found:
             continue
         corpus.proposed += 1

@@ -133,10 +133,15 @@ def _direction(factor: float) -> Direction | None:
 
 
 @cache
-def phrases() -> Phrases:
-    """All wordings of the library's actions that are understood as what they word."""
+def phrases(actions: tuple[str, ...] = ()) -> Phrases:
+    """All wordings of actions that are understood as what they word.
+
+    Args:
+        actions: Which; empty for all of the library.
+    """
     found: dict[str, list[Worded]] = {}
-    for name, action in library().items():
+    for name in actions or library():
+        action = library()[name]
         for words in finite_phrases((action.description, *action.paraphrases)):
             meant = understood(f"a person {words}")
             if meant is not None and len(meant) == 1 and meant[0].action == name:
