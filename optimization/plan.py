@@ -30,9 +30,13 @@ class _Plan(NamedTuple):
     control: Array
     tempo: float
 
-    @property
-    def violation(self) -> float:
-        return self.reference.residuals["dynamic_violation"]
+    def excess(self, options: PlanOptions) -> float:
+        """By which factor it is too hard, or below 1."""
+        figures = self.reference.residuals
+        return max(
+            figures["dynamic_violation"] / options.feasible,
+            figures["distance_to_raw"] / options.farthest,
+        )
 
 
 def plan_dynamics(
@@ -41,8 +45,9 @@ def plan_dynamics(
     """The dynamically consistent motion nearest to a kinematic reference.
 
     Time is added where the reference starts or ends in mid-motion. A motion that cannot be
-    made consistent is slowed down as far as it must and ``slowest`` allows; what flies keeps
-    its tempo. If that does not help it gives the best plan found. Among the residuals are
+    made consistent, or not near enough to its reference, is slowed down as far as it must and
+    ``slowest`` allows; what flies keeps its tempo. If that does not help it gives the best plan
+    found. Among the residuals are
     ``dynamic_violation`` (largest distance of the contact wrench from what the soles can give
     with the friction of the robot's feet and no margin, in body weights and body weights times
     metres), ``distance_to_raw`` (mean distance of the keypoints from the reference [m]) and
@@ -61,14 +66,14 @@ def plan_dynamics(
     if options.strength == 0.0:
         return reference
     plan = _at_tempo(robot, reference, options, options.time_scale)
-    if plan.violation <= options.feasible or options.slowest >= options.time_scale:
+    if plan.excess(options) <= 1.0 or options.slowest >= options.time_scale:
         return plan.reference
     fast, slow = plan, _at_tempo(robot, reference, options, options.slowest, plan)
-    if slow.violation > options.feasible:
-        return min(fast, slow, key=lambda one: one.violation).reference
+    if slow.excess(options) > 1.0:
+        return min(fast, slow, key=lambda one: one.excess(options)).reference
     for _ in range(_HALVINGS):
         middle = _at_tempo(robot, reference, options, 0.5 * (fast.tempo + slow.tempo), slow)
-        fast, slow = (fast, middle) if middle.violation <= options.feasible else (middle, slow)
+        fast, slow = (fast, middle) if middle.excess(options) <= 1.0 else (middle, slow)
     return slow.reference
 
 

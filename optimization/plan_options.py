@@ -46,7 +46,10 @@ class PlanOptions(BaseModel):
         1.0, ge=0.2, le=1.0, description="tempo down to which a motion that is too hard is slowed"
     )
     feasible: float = Field(
-        0.05, ge=0.0, description="dynamic violation from which on it is too hard [body weights]"
+        0.05, gt=0.0, description="dynamic violation from which on it is too hard [body weights]"
+    )
+    farthest: float = Field(
+        1.0, gt=0.0, description="distance to the reference from which on it is too hard [m]"
     )
     iterations: int = Field(40, ge=1, le=500, description="Gauss-Newton steps at most")
     window_iterations: int = Field(

@@ -264,6 +264,17 @@ def bench_controller(json_file: JsonOption = None) -> None:
     write_json(json_file, figures)
 
 
+@bench.command("plan")
+def bench_plan(json_file: JsonOption = None) -> None:
+    """The dynamic planner: whole motions from nothing, and windows of one second that go on."""
+    from robomirror_drake import bench_plan as measure
+
+    check_file(json_file)
+    figures = measure.run()
+    measure.print_table(figures, out)
+    write_json(json_file, figures)
+
+
 @bench.command("pushes")
 def bench_pushes(
     scenario: ScenarioOption = "default",

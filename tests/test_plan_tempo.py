@@ -26,6 +26,11 @@ def raw(clip: str) -> RobotReference:
     return retarget(ROBOT, motion, foot_contacts(motion))
 
 
+@lru_cache
+def walked(options: PlanOptions) -> RobotReference:
+    return plan_dynamics(ROBOT, raw("walk"), options)
+
+
 def com(q: np.ndarray) -> np.ndarray:
     """(T, 2) path of the centre of pressure of a robot that stands still in each pose."""
     wrench = centroidal.sample(ROBOT, [], q, 0 * q, 0 * q, derivatives=False).wrench
@@ -77,7 +82,7 @@ def test_chart_rates_belong_to_drakes_velocities() -> None:
 
 
 def test_a_walk_planned_slowly_goes_the_same_way_in_more_time() -> None:
-    fast, slow = (plan_dynamics(ROBOT, raw("walk"), PlanOptions(time_scale=s)) for s in (1.0, 0.8))
+    fast, slow = (walked(PlanOptions(time_scale=s)) for s in (1.0, 0.8))
     assert fast.residuals["time_scale"] == pytest.approx(1.0)
     assert slow.residuals["time_scale"] == pytest.approx(0.8, abs=0.01)
     assert slow.residuals["dynamic_violation"] < 0.01
@@ -91,16 +96,18 @@ def test_a_walk_planned_slowly_goes_the_same_way_in_more_time() -> None:
 
 
 def test_only_what_is_too_hard_is_slowed_and_no_more_than_it_must() -> None:
-    easy = plan_dynamics(ROBOT, raw("walk"), PlanOptions(slowest=0.5))
-    assert easy.residuals["time_scale"] == pytest.approx(1.0)
-    hard = PlanOptions(slowest=0.5, friction=0.08, feasible=0.01)
-    plans = [
-        plan_dynamics(ROBOT, raw("walk"), hard.model_copy(update={"slowest": s}))
-        for s in (1.0, 0.5)
-    ]
-    scales = [plan.residuals["time_scale"] for plan in plans]
-    violations = [plan.residuals["dynamic_violation"] for plan in plans]
-    print(scales, violations)
+    full = walked(PlanOptions()).residuals["distance_to_raw"]
+    assert walked(PlanOptions(slowest=0.7)) == walked(PlanOptions())
+    near = PlanOptions(slowest=0.7, farthest=0.93 * full)
+    plan = walked(near)
+    assert plan.residuals["distance_to_raw"] <= near.farthest
+    assert 0.69 < plan.residuals["time_scale"] < 0.99
+
+
+def test_the_better_of_two_is_given_where_no_tempo_helps() -> None:
+    never = walked(PlanOptions(slowest=0.8, farthest=1e-3))
+    best = min(walked(PlanOptions(time_scale=s)).residuals["distance_to_raw"] for s in (0.8, 1.0))
+    assert never.residuals["distance_to_raw"] == pytest.approx(best, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["slowest", "time_scale"])
