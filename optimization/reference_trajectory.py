@@ -60,7 +60,7 @@ class ReferenceSample(NamedTuple):
         force: (2, 6) planned wrench about each sole's centre, world axes, [force, moment].
         load: (2, 4) share of its full force that each corner may bear, 0 without contact.
         wait: (2, 4) time until the next contact of a corner without one [s].
-        gone: (2, 4) time since the last contact of a corner without one [s].
+        left: (2, 4) time until a corner's contact ends, negative since the last one did [s].
     """
 
     q: Array
@@ -69,7 +69,7 @@ class ReferenceSample(NamedTuple):
     force: Array
     load: Array
     wait: Array
-    gone: Array
+    left: Array
 
 
 def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTrajectory:
@@ -165,7 +165,7 @@ def sample_reference(trajectory: ReferenceTrajectory, time: float, ramp: float) 
     since, left = time - samples.on[row], samples.off[row] - time
     ramped = np.clip(np.minimum(since, left) / ramp, LEAST_SHARE, 1.0)
     load = np.where(samples.contact[row], ramped, 0.0)
-    return ReferenceSample(q, v, a, force, load, -since, -left)
+    return ReferenceSample(q, v, a, force, load, -since, left)
 
 
 @njit(cache=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class Stance:
             its centre of mass is in flight [m].
         touching: (2,) how long each foot has been on the ground, 0 in the air [s].
         late: (2,) 1 where the ground should have been felt and is not, else 0.
+        steps: (2, 2) how far each foot is moved besides, to catch the robot [m].
     """
 
     load: Array
@@ -47,39 +48,45 @@ class Stance:
     offset: Array
     touching: Array
     late: Array
+    steps: Array
 
     def pack(self) -> Array:
-        """(21,) everything in one vector."""
-        parts = (self.load.ravel(), self.anchor.ravel(), self.offset, self.touching, self.late)
-        return np.concatenate(parts)
+        """(25,) everything in one vector."""
+        return np.concatenate([np.ravel(getattr(self, part.name)) for part in fields(self)])
 
     @staticmethod
     def unpack(vector: Array) -> Stance:
         """The inverse of :meth:`pack`."""
-        load, anchor, offset, touching, late = np.split(vector, [8, 14, 17, 19])
-        return Stance(load.reshape(2, 4), anchor.reshape(2, 3), offset, touching, late)
+        load, anchor, offset, touching, late, steps = np.split(vector, [8, 14, 17, 19, 21])
+        load, anchor, steps = load.reshape(2, 4), anchor.reshape(2, 3), steps.reshape(2, 2)
+        return Stance(load, anchor, offset, touching, late, steps)
+
+    def moved(self, reference: TaskMotion) -> TaskMotion:
+        """A reference moved by the offset, so that it stands on the robot's own feet."""
+        com = reference.com.copy()
+        com[0] += self.offset
+        return reference._replace(com=com, p=reference.p + self.offset)
 
     def shift(self, reference: TaskMotion, motion: TaskMotion) -> TaskMotion:
-        """A reference moved by the offset, so that it stands on the robot's own feet.
+        """A reference, moved already, with its feet where they shall be.
 
         A foot that is late goes down until it meets the ground, wherever that is.
 
         Args:
             reference, motion: Where the reference and the robot are.
         """
-        com, p, v, a = (x.copy() for x in (reference.com, reference.p, reference.v, reference.a))
-        com[0] += self.offset
-        p += self.offset
+        p, v, a = reference.p.copy(), reference.v.copy(), reference.a.copy()
+        p[2:, :2] += self.steps
         for foot in np.flatnonzero(self.late) + 2:
             p[foot, 2] = motion.p[foot, 2]
             v[foot, 2] = min(motion.com[1, 2], 0.0) - DESCENT
             a[foot, 2] = 0.0
-        return reference._replace(com=com, p=p, v=v, a=a)
+        return reference._replace(p=p, v=v, a=a)
 
 
 def initial_stance() -> Stance:
     """Nothing is known yet; the feet are taken to have stood where they are for long."""
-    return Stance(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros(3), np.ones(2), np.zeros(2))
+    return Stance.unpack(np.concatenate([np.zeros(17), np.ones(2), np.zeros(6)]))
 
 
 def feel(last: Array, force: Array | None, height: Array, period: float) -> Array:
@@ -119,7 +126,7 @@ def bearing(sample: ReferenceSample, touching: Array, height: Array, ramp: float
     above = height - height.min(axis=1, keepdims=True)
     near = np.clip((HANGING - above) / (HANGING - TOUCHING), 0.0, 1.0)
     # Not a foot that has yet to leave the ground: in the second half of its swing.
-    soon = (sample.wait > 0.0) & (sample.wait < np.minimum(EARLY, sample.gone))
+    soon = (sample.wait > 0.0) & (sample.wait < np.minimum(EARLY, -sample.left))
     whole = (sample.load == 0.0).all(axis=1, keepdims=True)
     planned = np.where(whole & soon, 1.0, sample.load)
     scheduled = planned.any(axis=1)
@@ -174,4 +181,4 @@ def update_stance(
         offset = motion.com[0] - reference.com[0]
     offset = np.clip(offset, -FARTHEST, FARTHEST)
     late = (sample.load > 0.0).any(axis=1) & (touching == 0.0)
-    return Stance(load, anchor, offset, touching, 1.0 * late)
+    return Stance(load, anchor, offset, touching, 1.0 * late, last.steps)

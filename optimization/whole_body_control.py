@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import pinocchio as pin
@@ -14,6 +15,7 @@ from robomirror_drake.optimization.reference_trajectory import (
     sample_reference,
 )
 from robomirror_drake.optimization.stance import Stance, update_stance
+from robomirror_drake.optimization.step_adjustment import adjusted_steps
 from robomirror_drake.optimization.whole_body_qp import (
     QP,
     Solution,
@@ -92,8 +94,13 @@ def control_problem(
         tuned.options.contact_ramp,
         foot_force,
     )
+    moved = stance.moved(motion)
+    steps = adjusted_steps(
+        last.steps, stance.load, terms.motion, moved, wanted, tuned.options.step, period
+    )
+    stance = dataclasses.replace(stance, steps=steps)
     targets = Targets(
-        motion=stance.shift(motion, terms.motion),
+        motion=stance.shift(moved, terms.motion),
         q=wanted.q[7:],
         v=wanted.v[6:],
         a=wanted.a[6:],

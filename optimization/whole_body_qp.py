@@ -27,6 +27,7 @@ from scipy.sparse import csc_matrix, identity
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.dynamics_terms import ControlModel, DynamicsTerms, TaskMotion
+from robomirror_drake.optimization.step_adjustment import StepOptions
 from robomirror_drake.optimization.whole_body_kernels import (
     contact_generators,
     cost,
@@ -82,6 +83,7 @@ class WholeBodyOptions(_Options):
     corner_force: float = Field(1000.0, gt=0.0, description="most normal force of a corner [N]")
     contact_ramp: float = Field(0.03, gt=0.0, description="time to take up the load [s]")
     limit_horizon: float = Field(0.03, gt=0.0, description="look-ahead of the joint limits [s]")
+    step: StepOptions = StepOptions()
     acceleration_limit: float = Field(3000.0, gt=0.0, description="[rad/s²]")
 
 

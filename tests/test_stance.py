@@ -36,10 +36,10 @@ def _motion(left: tuple[float, float, float], right: tuple[float, float, float])
 
 
 def _sample(
-    load: np.ndarray, wait: np.ndarray = NEVER, gone: np.ndarray = NEVER
+    load: np.ndarray, wait: np.ndarray = NEVER, left: np.ndarray = -NEVER
 ) -> ReferenceSample:
     nowhere = np.zeros(30), np.zeros(29), np.zeros(29), np.zeros((2, 6))
-    return ReferenceSample(*nowhere, load, wait, gone)
+    return ReferenceSample(*nowhere, load, wait, left)
 
 
 def _update(
@@ -63,7 +63,7 @@ def test_corners_in_the_air_bear_nothing_and_early_ones_do() -> None:
     # The other foot came down a little before its time; corners that are far from theirs wait.
     np.testing.assert_array_equal(load[1], [1.0, 0.0, 1.0, 0.0])
     # Not if it has hardly left the ground.
-    load = bearing(_sample(planned, wait, gone=np.full((2, 4), 0.01)), long, height, 0.03)
+    load = bearing(_sample(planned, wait, left=np.full((2, 4), -0.01)), long, height, 0.03)
     np.testing.assert_array_equal(load[1], 0.0)
     # Loads are taken up within the ramp, and not at all in the air.
     load = bearing(_sample(planned, wait), short, height, 0.03)
@@ -106,7 +106,7 @@ def test_a_late_foot_goes_down_faster_than_the_body_falls() -> None:
     hanging = hanging._replace(com=com)
     stance = _update(initial_stance(), hanging, reference, _sample(both), (0.0, 600.0))
     np.testing.assert_array_equal(stance.late, [1.0, 0.0])
-    wanted = stance.shift(reference, hanging)
+    wanted = stance.shift(stance.moved(reference), hanging)
     assert wanted.p[2, 2] == pytest.approx(0.02)
     assert wanted.v[2, 2] == pytest.approx(-0.4 - DESCENT)
     np.testing.assert_array_equal(wanted.v[3], 0.0)
@@ -135,7 +135,7 @@ def test_the_reference_moves_to_the_feet_that_stand() -> None:
     for _ in range(500):
         stance = _update(stance, aside, reference, _sample(load))
     np.testing.assert_allclose(stance.offset, [0.02, 0.01, 0.0], atol=1e-5)
-    moved = stance.shift(reference, aside)
+    moved = stance.moved(reference)
     np.testing.assert_allclose(moved.com[0] - reference.com[0], [0.02, 0.01, 0.0], atol=1e-5)
     np.testing.assert_allclose(moved.p[3] - reference.p[3], [0.02, 0.01, 0.0], atol=1e-5)
 

@@ -177,7 +177,9 @@ def test_forces_stay_in_the_friction_cone_and_torques_within_limits(
         wrench = foot_wrench_from(solution)
         np.testing.assert_allclose(force.sum(axis=0), wrench[:, :3].sum(axis=0), atol=1e-6)
         assert (wrench[load.sum(axis=1) == 0] == 0.0).all()
-        stance = Stance(load, np.zeros((2, 3)), np.zeros(3), np.ones(2), np.zeros(2))
+        stance = Stance(
+            load, np.zeros((2, 3)), np.zeros(3), np.ones(2), np.zeros(2), np.zeros((2, 2))
+        )
         said = diagnose(qp, solution, load > 0.0, stance, model, OPTIONS.friction)
         assert said.friction_margin.min() > -1e-6
         assert said.residual < 1e-5
@@ -246,7 +248,9 @@ def test_diagnostics_name_what_limits_the_solution(robot: Robot, model: ControlM
     shoved[2] = [30.0, 0.0, -30.0]  # more than friction gives, and faster down than falling
     a = targets.a.copy()
     a[knee] = 1e9
-    stance = Stance(TOES, np.zeros((2, 3)), np.zeros(3), np.array([0.0, 1.0]), np.zeros(2))
+    stance = Stance(
+        TOES, np.zeros((2, 3)), np.zeros(3), np.array([0.0, 1.0]), np.zeros(2), np.zeros((2, 2))
+    )
     hard = targets._replace(motion=targets.motion._replace(com=shoved), a=a)
     qp = build_qp(model, terms, hard, tuning(model, OPTIONS))
     solution = solve_qp(qp, "daqp")
