@@ -16,6 +16,7 @@ ROWS = 16
 
 _SEGMENT_WIDTH = 0.01  # an edge of a sole that bears alone counts as a strip this wide [m]
 _SPINS = 0.015  # a foot that turns by more from sample to sample slides on its spot [rad]
+_SLIDING = 0.5  # share of its friction that such a foot has for anything else
 _MARGIN_SHARE = 0.3  # a margin takes this share of the hull's width at most, on either side
 
 
@@ -165,7 +166,7 @@ def _cone(points: Array, spin: float, options: ConeOptions) -> tuple[Array, Arra
     rows[0, 5] = 1.0
     lower[0], upper[0] = 0.0, strongest * weight
     for row, (axis, sign) in enumerate([(3, 1.0), (3, -1.0), (4, 1.0), (4, -1.0)], start=1):
-        rows[row, axis], rows[row, 5] = sign, mu
+        rows[row, axis], rows[row, 5] = sign, mu if spin == 0.0 else _SLIDING * mu
     center = points.mean(axis=0)
     arm = mu * float(np.mean(np.linalg.norm(points - center, axis=1)))
     for row, sign in ((5, 1.0), (6, -1.0)):

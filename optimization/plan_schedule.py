@@ -70,7 +70,7 @@ def _grounded(contact: BoolArray, corners: Array, fall: Array) -> BoolArray:
 
 def _exchanges(contact: BoolArray, shortest: int) -> BoolArray:
     """A schedule in which both feet stand for some frames where one takes over from the other."""
-    lapped, half = contact.copy(), shortest // 3
+    lapped, half = contact.copy(), (shortest - 1) // 2
     starts = [[start for start, _ in runs(np.asarray(contact[:, f].any(axis=1)))] for f in (0, 1)]
     for foot in range(2):
         for begin, end in runs(np.asarray(contact[:, foot].any(axis=1))):

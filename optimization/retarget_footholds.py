@@ -14,7 +14,7 @@ REACH = 0.06
 LANDED = 0.03
 """How near its foothold a human foot has to be to have landed, or not to have left [m]."""
 
-LOW, LOW_ALONE = 0.07, 0.12
+LOW, LOW_ALONE = 0.07, 0.16
 """To what height a heel or toe hangs low, also where no other foot stands [m]."""
 
 TURNS = 0.3
