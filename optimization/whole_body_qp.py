@@ -63,9 +63,9 @@ class WholeBodyOptions(_Options):
     """Gains and limits of the QP."""
 
     solver: Solver = "daqp"
-    com_horizontal: TaskGains = TaskGains(weight=20.0, stiffness=25.0, damping=10.0)
-    com_vertical: TaskGains = TaskGains(weight=20.0, stiffness=60.0, damping=14.0)
-    angular_momentum: TaskGains = TaskGains(weight=0.5, stiffness=0.0, damping=8.0)
+    com_horizontal: TaskGains = TaskGains(weight=40.0, stiffness=25.0, damping=10.0)
+    com_vertical: TaskGains = TaskGains(weight=40.0, stiffness=60.0, damping=14.0)
+    angular_momentum: TaskGains = TaskGains(weight=1.0, stiffness=0.0, damping=8.0)
     pelvis: TaskGains = TaskGains(weight=4.0, stiffness=100.0, damping=20.0)
     trunk: TaskGains = TaskGains(weight=3.0, stiffness=100.0, damping=20.0)
     swing: TaskGains = TaskGains(weight=15.0, stiffness=500.0, damping=45.0)
