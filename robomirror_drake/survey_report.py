@@ -111,7 +111,9 @@ def print_survey(rows: Sequence[Row], console: Console) -> None:
     console.print(table)
     for line in lines(rows):
         if line.evidence:
-            console.print(f"{line.label}: {line.evidence}", markup=False, highlight=False)
+            console.print(
+                f"{line.label}: {line.evidence}", markup=False, highlight=False, emoji=False
+            )
     for name, upright, total in _groups(rows):
         console.print(f"{name}: {upright} of {total} upright")
 
@@ -171,10 +173,11 @@ def _endings(rows: Sequence[Row]) -> go.Figure:
             textposition="inside",
             insidetextanchor="middle",
             orientation="h",
+            width=min(0.65, 0.2 * len(names)),
             marker={"color": color},
             hovertemplate="%{y}: %{text}<extra>" + end.replace("_", " ") + "</extra>",
         )
-    figure.update_layout(barmode="stack", bargap=0.35)
+    figure.update_layout(barmode="stack")
     figure.update_xaxes(title="share of executions [%]", range=[0, 100])
     figure.update_yaxes(autorange="reversed")
     height = max(400, 110 + 46 * len(names))

@@ -138,7 +138,7 @@ ROWS = [
     row("jump", 1, **FALL),
     row("jump", slowest=0.5, time_scale=0.75),
     row("jump", 1, slowest=0.5, time_scale=0.75),
-    Row("fly", "dynamic", "a person flies", 0, "default", error="PlanningError: too short"),
+    Row("clip:punch", "dynamic", "clip:punch", 0, "default", error="PlanningError: too short"),
 ]
 
 
@@ -147,7 +147,7 @@ def test_lines_gather_seeds_and_part_tempos() -> None:
     assert [(line.label, line.upright, len(line.rows)) for line in made] == [
         ("jump", 1, 2),
         ("jump, slowed", 2, 2),
-        ("fly", 0, 1),
+        ("clip:punch", 0, 1),
     ]
     assert made[0].causes == "torque saturated"
     assert [ending(row) for row in ROWS[:2]] == ["upright", "torque_saturated"]
@@ -159,7 +159,7 @@ def test_table_says_what_fell_and_why() -> None:
     print_survey(ROWS, Console(file=text, width=160))
     printed = text.getvalue()
     assert "L_KNEE at its <200> N·m" in printed
-    assert "PlanningError: too short" in printed
+    assert "clip:punch: PlanningError: too short" in printed  # and no emoji
     assert "joints [rad]" in printed
     assert "dynamic: 1 of 3 upright" in printed
     assert "dynamic, slowed: 2 of 2 upright" in printed
