@@ -233,6 +233,8 @@ def _tally(tally: Tally) -> str:
 def _print_summary(summary: Summary) -> None:
     out.print(f"{summary.prompts} commands, {_tally(summary.total)}", highlight=False)
     for name, tallies in summary.by.items():
+        if not tallies:
+            continue
         table = Table(name, "episodes", "share [%]", "hours", "fell [%]", "failed", "causes")
         for value, tally in sorted(tallies.items(), key=lambda item: -item[1].episodes):
             table.add_row(

@@ -121,13 +121,13 @@ def summarise(folder: Path) -> Summary:
     summary = Summary(
         total=Tally(),
         prompts=0,
-        by={name: {} for name in ("group", "split", "kind", "action")},
+        by={name: {} for name in ("group", "split", "family", "kind", "action")},
         failures={},
         cost=_cost(folder / "timing.jsonl"),
         damaged=[],
     )
     wanted = [
-        "prompt_index", "group", "split", "kind", "actions", "failed_stage", "failure",
+        "prompt_index", "group", "split", "family", "kind", "actions", "failed_stage", "failure",
         "duration_s", "fell", "fall_cause", "cause",
     ]  # fmt: skip
     for _, episodes in read_shards(folder, summary.damaged):
@@ -142,6 +142,8 @@ def _add(summary: Summary, row: dict[str, Any]) -> None:
     summary.total.add(row)
     for name in ("group", "split", "kind"):
         summary.by[name].setdefault(row[name] or "unknown", Tally()).add(row)
+    if row["family"]:
+        summary.by["family"].setdefault(row["family"], Tally()).add(row)
     for action in set(row["actions"]):
         summary.by["action"].setdefault(action, Tally()).add(row)
     if row["failed_stage"] is not None:
