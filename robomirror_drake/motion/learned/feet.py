@@ -9,90 +9,115 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.motion.humanml_features import with_lengths
 from robomirror_drake.motion.skeleton import INDEX
 
 PLANTED_HEIGHT = 0.06
-"""Highest toe of a planted foot above the lowest of the motion [m]."""
+"""Highest toe of a planted foot above the floor of the motion [m]."""
 PLANTED_SPEED = 0.35
 """Fastest toe of a planted foot, along the floor [m/s]."""
+CLEARANCE = 0.06
+"""Least height of a toe that moves faster than :data:`CLEAR_SPEED` [m]."""
+CLEAR_SPEED = 0.5
+"""Speed along the floor that only a lifted foot has [m/s]."""
 
 _LEGS = np.array([[INDEX[f"{side}_{j}"] for j in ("hip", "knee", "ankle", "foot")]
                   for side in ("left", "right")])  # fmt: skip
-_SHORTEST_STANCE = 3  # frames
+_FLOOR_PERCENTILE = 5.0  # of the toes' heights
+_SHORTEST_STANCE, _LONGEST_GAP = 0.15, 0.05  # [s]
+_LIFT_SMOOTHING = 0.04  # of what lifts a moving foot, standard deviation [s]
 _BODY_SMOOTHING = 0.25  # of the part that moves the whole body, standard deviation [s]
-
-
-def planted(positions: Array, fps: float) -> BoolArray:
-    """(…, T, 2) whether the left and the right toe of (…, T, 22, 3), y up, stand."""
-    toes = positions[..., _LEGS[:, 3], :]
-    speed = np.linalg.norm(np.gradient(toes[..., [0, 2]], axis=-3), axis=-1) * fps
-    height = toes[..., 1] - toes[..., 1].min(axis=(-2, -1), keepdims=True)
-    contact: BoolArray = (height < PLANTED_HEIGHT) & (speed < PLANTED_SPEED)
-    return contact
 
 
 def make_whole(positions: Array, lengths: Array, fps: float) -> Array:
     """Positions (B, T, 22, 3), y up, on bones of ``lengths`` (21,) [m], feet that do not skate.
 
-    Feet come to rest at the mean place of each stance. Half of what both need together moves the
-    whole body, smoothly; the legs make up for the rest.
+    Feet come to rest at the mean place of each stance, and clear the floor where they move. Half
+    of what both need together moves the whole body along the floor, smoothly; the legs do the
+    rest. The floor of each motion comes to y = 0.
     """
-    contact = planted(positions, fps)
     toes = positions[:, :, _LEGS[:, 3]]
-    shift = np.zeros_like(toes)
-    rows = toes[..., [0, 2]].transpose(0, 2, 1, 3).reshape(-1, positions.shape[1], 2)
-    shift[..., [0, 2]] = (
-        _to_anchors(np.ascontiguousarray(rows), _rows(contact), _SHORTEST_STANCE)
-        .reshape(len(positions), 2, -1, 2)
-        .transpose(0, 2, 1, 3)
+    floor = np.percentile(toes[..., 1], _FLOOR_PERCENTILE, axis=(1, 2))
+    positions = positions - floor[:, None, None, None] * [0.0, 1.0, 0.0]
+    toes = positions[:, :, _LEGS[:, 3]]
+    speed = np.linalg.norm(np.gradient(toes[..., [0, 2]], axis=1), axis=-1) * fps
+    contact = (toes[..., 1] < PLANTED_HEIGHT) & (speed < PLANTED_SPEED)
+    frames = positions.shape[1]
+    shift = _to_anchors(
+        np.ascontiguousarray(toes.transpose(0, 2, 1, 3)).reshape(-1, frames, 3),
+        np.ascontiguousarray(contact.transpose(0, 2, 1)).reshape(-1, frames),
+        round(_SHORTEST_STANCE * fps),
+        round(_LONGEST_GAP * fps),
     )
-    body = gaussian_filter1d(shift.mean(axis=2), _BODY_SMOOTHING * fps, axis=1, mode="nearest")
+    shift = shift.reshape(len(positions), 2, frames, 3).transpose(0, 2, 1, 3)
+    shift[..., 1] += _lift(toes + shift, fps)
+    along = shift.mean(axis=2) * [1.0, 0.0, 1.0]
+    body = gaussian_filter1d(along, _BODY_SMOOTHING * fps, axis=1, mode="nearest")
     ankles = positions[:, :, _LEGS[:, 2]] + shift
-    feet = toes + shift
     whole = with_lengths(positions, lengths) + body[:, :, None]
-    _reach(whole, ankles, feet - ankles, lengths)
+    _reach(whole, ankles, toes + shift - ankles, lengths)
     return whole
 
 
-def _rows(contact: BoolArray) -> BoolArray:
-    rows: BoolArray = np.ascontiguousarray(contact.transpose(0, 2, 1)).reshape(-1, contact.shape[1])
-    return rows
+def _lift(toes: Array, fps: float) -> Array:
+    """(B, T, 2) what brings toes (B, T, 2, 3) that move along the floor to their clearance [m]."""
+    step = np.linalg.norm(np.diff(toes[..., [0, 2]], axis=1), axis=-1) * fps
+    speed = np.zeros(toes.shape[:3])
+    speed[:, 1:] = step
+    speed[:, :-1] = np.maximum(speed[:, :-1], step)
+    wanted = CLEARANCE * np.clip(2.0 * speed / CLEAR_SPEED - 1.0, 0.0, 1.0)
+    missing = maximum_filter1d(np.maximum(wanted - toes[..., 1], 0.0), 3, axis=1)
+    lift: Array = gaussian_filter1d(missing, _LIFT_SMOOTHING * fps, axis=1, mode="nearest")
+    return lift
 
 
 @numba.njit(cache=True)
-def _to_anchors(feet: Array, contact: BoolArray, shortest: int) -> Array:
-    """(R, T, 2) what brings each foot (R, T, 2) to its stance's mean place; faded in between."""
+def _to_anchors(feet: Array, contact: BoolArray, shortest: int, gap: int) -> Array:
+    """(R, T, 3) what brings each foot (R, T, 3) to its stances' mean places.
+
+    Between two stances it fades from one to the other. A stance is ``shortest`` frames at least,
+    and gaps of up to ``gap`` frames are part of it.
+    """
     shift = np.zeros_like(feet)
-    rows, frames, _ = feet.shape
-    for r in range(rows):
-        before = -1  # last frame of the stance before
+    for r in range(len(feet)):
+        last = -1  # frame of the stance before, its last one
         t = 0
-        while t < frames:
-            if not contact[r, t]:
-                t += 1
+        while t < feet.shape[1]:
+            end = _stance_end(contact[r], t, gap)
+            if end - t < shortest:
+                t = max(end, t + 1)
                 continue
-            end = t
-            while end < frames and contact[r, end]:
-                end += 1
-            if end - t >= shortest:
-                for k in range(2):
-                    anchor = feet[r, t:end, k].mean()
-                    shift[r, t:end, k] = anchor - feet[r, t:end, k]
-                    for s in range(before + 1, t):
-                        u = (s - before) / (t - before)
-                        u = u * u * (3.0 - 2.0 * u) if before >= 0 else 1.0
-                        start = shift[r, before, k] if before >= 0 else 0.0
-                        shift[r, s, k] = (1.0 - u) * start + u * shift[r, t, k]
-                before = end - 1
+            for k in range(3):
+                shift[r, t:end, k] = feet[r, t:end, k].mean() - feet[r, t:end, k]
+            if last < 0:
+                shift[r, :t] = shift[r, t]
+            else:
+                for s in range(last + 1, t):
+                    u = (s - last) / (t - last)
+                    u = u * u * (3.0 - 2.0 * u)
+                    shift[r, s] = (1.0 - u) * shift[r, last] + u * shift[r, t]
+            last = end - 1
             t = end
-        for s in range(before + 1, frames):
-            if before >= 0:
-                shift[r, s] = shift[r, before]
+        if last >= 0:
+            shift[r, last + 1 :] = shift[r, last]
     return shift
+
+
+@numba.njit(cache=True)
+def _stance_end(contact: BoolArray, start: int, gap: int) -> int:
+    """Frame after the stance that begins at ``start``, which is none where it is there already."""
+    end = start
+    t = start
+    while t < len(contact) and t - end <= gap:
+        if contact[t]:
+            end = t + 1
+        elif end == start:
+            return start
+        t += 1
+    return end
 
 
 def _reach(body: Array, ankles: Array, feet: Array, lengths: Array) -> None:

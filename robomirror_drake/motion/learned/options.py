@@ -63,7 +63,7 @@ class SamplingOptions(_Options):
     """How the trained generator is asked."""
 
     weights: str = Field(PACKAGED, description="packaged, or a generator.safetensors of your own")
-    steps: int = Field(4, ge=1, le=50, description="evaluations of the network for a motion")
+    steps: int = Field(2, ge=1, le=50, description="evaluations of the network for a motion")
     guidance: float = Field(1.5, ge=0.0, le=20.0, description="how strongly the text pulls")
 
 
