@@ -124,7 +124,7 @@ def bearing(sample: ReferenceSample, touching: Array, height: Array, ramp: float
     on_ground = touching > 0.0
     # A foot that is felt stands on its lowest corner, whatever its height seems to be.
     above = height - height.min(axis=1, keepdims=True)
-    near = np.clip((HANGING - above) / (HANGING - TOUCHING), 0.0, 1.0)
+    near = np.minimum(np.maximum((HANGING - above) / (HANGING - TOUCHING), 0.0), 1.0)
     # Not a foot that has yet to leave the ground: in the second half of its swing.
     soon = (sample.wait > 0.0) & (sample.wait < np.minimum(EARLY, -sample.left))
     whole = (sample.load == 0.0).all(axis=1, keepdims=True)
@@ -132,7 +132,7 @@ def bearing(sample: ReferenceSample, touching: Array, height: Array, ramp: float
     scheduled = planned.any(axis=1)
     if (scheduled & ~on_ground).any() and not (scheduled & on_ground).any():
         planned = np.where(on_ground[:, None], 1.0, planned)
-    taken = np.clip(touching / ramp, 0.0, 1.0)
+    taken = np.minimum(touching / ramp, 1.0)
     return np.asarray(planned * near * taken[:, None])
 
 
@@ -179,6 +179,6 @@ def update_stance(
         offset[2] = 0.0
     elif not (touching > 0.0).any():
         offset = motion.com[0] - reference.com[0]
-    offset = np.clip(offset, -FARTHEST, FARTHEST)
+    offset = np.minimum(np.maximum(offset, -FARTHEST), FARTHEST)
     late = (sample.load > 0.0).any(axis=1) & (touching == 0.0)
     return Stance(load, anchor, offset, touching, 1.0 * late, last.steps)
