@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from robomirror_drake.messages import Array
@@ -43,6 +44,14 @@ _TRUNK: dict[str, tuple[float, float, float]] = {
 }
 """Offset of each joint of the trunk from its parent, in the parent's frame [m]."""
 
+_OFFSETS = np.array([_TRUNK.get(name, (0.0, 0.0, 0.0)) for name in JOINTS])
+SPINE1, SPINE2, SPINE3, NECK, HEAD = (
+    INDEX[name] for name in ("spine1", "spine2", "spine3", "neck", "head")
+)
+_COLLARS, _SHOULDERS, _ELBOWS, _WRISTS, _HIP_JOINTS, _KNEES, _ANKLES, _TOES = (
+    (INDEX[f"left_{part}"], INDEX[f"right_{part}"])
+    for part in ("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")
+)
 _HIPS = np.array([[0.0, HIP_HALF_WIDTH, -HIP_DROP], [0.0, -HIP_HALF_WIDTH, -HIP_DROP]])
 
 _SEGMENTS: tuple[tuple[str, str, float, float], ...] = (
@@ -113,23 +122,14 @@ def joint_positions(pose: Pose) -> Array:
     """(T, 22, 3) joint positions by forward kinematics, with the legs by inverse kinematics.
 
     Where a foot is out of reach the leg stretches towards it and the ankle stays short of it,
-    so that bone lengths hold always.
+    so that bone lengths hold always. The knee bends in the plane that looks between pelvis and
+    foot, forward and, where the thigh points forward, up.
     """
     points = np.empty((len(pose.pelvis), len(JOINTS), 3))
-    points[:, 0] = pose.pelvis
-    pelvis = rotation(pose.pelvis_euler)
-    third = rotation(pose.chest_euler / 3.0)
-    frames = {"pelvis": pelvis}
-    for name, below in (("spine1", "pelvis"), ("spine2", "spine1"), ("spine3", "spine2")):
-        frames[name] = frames[below] @ third
-    chest = frames["spine3"]
-    frames["neck"] = chest @ rotation(pose.head_euler)
-    for name, offset in _TRUNK.items():
-        parent = JOINTS[PARENTS[INDEX[name]]]
-        points[:, INDEX[name]] = points[:, INDEX[parent]] + frames.get(parent, chest) @ offset
-    for i, side in enumerate(SIDES):
-        _pose_arm(points, side, chest, pose.arm[:, i])
-        _pose_leg(points, side, pelvis, pose, i)
+    _pose_body(
+        pose.pelvis, pose.pelvis_euler, pose.chest_euler, pose.head_euler, pose.foot,
+        pose.foot_yaw, pose.heel_rise, np.ascontiguousarray(pose.arm), _OFFSETS, points,
+    )  # fmt: skip
     return points
 
 
@@ -144,52 +144,132 @@ def about(axis: int, angle: Array) -> Array:
     return matrix
 
 
-def rotation(euler: Array) -> Array:
-    """(T, 3, 3) rotations of (T, 3) yaw, pitch, roll [rad]."""
-    turned: Array = about(2, euler[:, 0]) @ about(1, euler[:, 1]) @ about(0, euler[:, 2])
-    return turned
-
-
-def _pose_arm(points: Array, side: str, chest: Array, angles: Array) -> None:
-    outward = 1.0 if side == "left" else -1.0
-    flexion, abduction, turned, elbow = angles.T
-    raised = chest @ about(1, -flexion) @ about(0, outward * abduction)
-    upper = raised @ about(2, outward * turned)
-    lower = upper @ about(1, -elbow)
-    upper_end = points[:, INDEX[f"{side}_shoulder"]] - UPPER_ARM * upper[..., 2]
-    points[:, INDEX[f"{side}_elbow"]] = upper_end
-    points[:, INDEX[f"{side}_wrist"]] = upper_end - FOREARM * lower[..., 2]
-
-
-def _pose_leg(points: Array, side: str, pelvis: Array, pose: Pose, i: int) -> None:
-    """Ankle from the foot's pose, knee in the plane that looks between pelvis and foot."""
-    hip, reach, flat, heading = _leg(pelvis, pose, i)
-    distance = np.linalg.norm(reach, axis=1, keepdims=True)
-    axis = reach / distance
-    distance = np.clip(distance, abs(THIGH - SHANK) + 1e-3, 0.998 * LEG)
-    ankle = hip + distance * axis
-    forward = pelvis[..., 0] + flat[..., 0]
-    # The knee bends forward and, when the thigh points forward, up.
-    forward[:, 2] += 0.5
-    forward -= np.sum(forward * axis, axis=1, keepdims=True) * axis
-    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-    along = (THIGH**2 - SHANK**2 + distance**2) / (2.0 * distance)
-    knee = hip + along * axis + np.sqrt(THIGH**2 - along**2) * forward
-    points[:, INDEX[f"{side}_hip"]] = hip
-    points[:, INDEX[f"{side}_knee"]] = knee
-    points[:, INDEX[f"{side}_ankle"]] = ankle
-    points[:, INDEX[f"{side}_foot"]] = ankle + heading @ ANKLE_TO_TOE
-
-
-def _leg(pelvis: Array, pose: Pose, i: int) -> tuple[Array, Array, Array, Array]:
-    """Hip (T, 3), vector from it to the ankle (T, 3), frames of the foot flat and as it is."""
-    hip = pose.pelvis + pelvis @ _HIPS[i]
-    flat = about(2, pose.foot_yaw[:, i])
-    heading = flat @ about(1, pose.heel_rise[:, i])
-    return hip, pose.foot[:, i] + (flat - heading) @ ANKLE_TO_TOE - hip, flat, heading
-
-
 def leg_vectors(pose: Pose) -> Array:
     """(T, 2, 3) from each hip to where its ankle is wanted, whether in reach or not [m]."""
-    pelvis = rotation(pose.pelvis_euler)
-    return np.stack([_leg(pelvis, pose, i)[1] for i in range(2)], axis=1)
+    reach = np.empty((len(pose.pelvis), 2, 3))
+    _reach(pose.pelvis, pose.pelvis_euler, pose.foot, pose.foot_yaw, pose.heel_rise, reach)
+    return reach
+
+
+@numba.njit(cache=True)
+def _turn(yaw: float, pitch: float, roll: float, out: Array) -> None:
+    """Rotation about z, then y, then x of the turned frame."""
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    cr, sr = np.cos(roll), np.sin(roll)
+    out[0, 0], out[0, 1], out[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    out[1, 0], out[1, 1], out[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    out[2, 0], out[2, 1], out[2, 2] = -sp, cp * sr, cp * cr
+
+
+@numba.njit(cache=True)
+def _times(a: Array, b: Array, out: Array) -> None:
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@numba.njit(cache=True)
+def _place(points: Array, joint: int, parent: int, frame: Array, offset: Array) -> None:
+    for i in range(3):
+        points[joint, i] = points[parent, i] + (
+            frame[i, 0] * offset[0] + frame[i, 1] * offset[1] + frame[i, 2] * offset[2]
+        )
+
+
+@numba.njit(cache=True)
+def _ankle(foot: Array, yaw: float, rise: float, out: Array) -> None:
+    """Where the ankle is once the heel has risen about the toe."""
+    x, z = ANKLE_TO_TOE[0], ANKLE_TO_TOE[2]
+    ahead = x - (np.cos(rise) * x + np.sin(rise) * z)
+    out[0] = foot[0] + np.cos(yaw) * ahead
+    out[1] = foot[1] + np.sin(yaw) * ahead
+    out[2] = foot[2] + z - (np.cos(rise) * z - np.sin(rise) * x)
+
+
+@numba.njit(cache=True)
+def _reach(pelvis: Array, euler: Array, foot: Array, yaw: Array, rise: Array, out: Array) -> None:
+    frame, ankle = np.empty((3, 3)), np.empty(3)
+    for t in range(len(pelvis)):
+        _turn(euler[t, 0], euler[t, 1], euler[t, 2], frame)
+        for side in range(2):
+            _ankle(foot[t, side], yaw[t, side], rise[t, side], ankle)
+            for i in range(3):
+                hip = frame[i, 1] * _HIPS[side, 1] + frame[i, 2] * _HIPS[side, 2]
+                out[t, side, i] = ankle[i] - pelvis[t, i] - hip
+
+
+@numba.njit(cache=True)
+def _pose_body(
+    pelvis: Array, pelvis_euler: Array, chest_euler: Array, head_euler: Array, foot: Array,
+    foot_yaw: Array, heel_rise: Array, arm: Array, offsets: Array, out: Array,
+) -> None:  # fmt: skip
+    base, third, low, mid = (np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)))
+    chest, neck, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    ankle = np.empty(3)
+    for t in range(len(pelvis)):
+        points = out[t]
+        points[0] = pelvis[t]
+        _turn(pelvis_euler[t, 0], pelvis_euler[t, 1], pelvis_euler[t, 2], base)
+        e = chest_euler[t]
+        _turn(e[0] / 3.0, e[1] / 3.0, e[2] / 3.0, third)
+        _times(base, third, low)
+        _times(low, third, mid)
+        _times(mid, third, chest)
+        _turn(head_euler[t, 0], head_euler[t, 1], head_euler[t, 2], third)
+        _times(chest, third, neck)
+        _place(points, SPINE1, 0, base, offsets[SPINE1])
+        _place(points, SPINE2, SPINE1, low, offsets[SPINE2])
+        _place(points, SPINE3, SPINE2, mid, offsets[SPINE3])
+        _place(points, NECK, SPINE3, chest, offsets[NECK])
+        _place(points, HEAD, NECK, neck, offsets[HEAD])
+        for side in range(2):
+            _place(points, _COLLARS[side], SPINE3, chest, offsets[_COLLARS[side]])
+            _place(points, _SHOULDERS[side], _COLLARS[side], chest, offsets[_SHOULDERS[side]])
+            _pose_arm(points, side, chest, arm[t, side], third, turned, low)
+            _ankle(foot[t, side], foot_yaw[t, side], heel_rise[t, side], ankle)
+            _pose_leg(points, side, base, ankle, foot_yaw[t, side], heel_rise[t, side])
+
+
+@numba.njit(cache=True)
+def _pose_arm(
+    points: Array, side: int, chest: Array, angles: Array, a: Array, b: Array, c: Array
+) -> None:
+    outward = 1.0 if side == 0 else -1.0
+    _turn(0.0, -angles[0], outward * angles[1], a)
+    _times(chest, a, b)
+    _turn(outward * angles[2], 0.0, 0.0, a)
+    _times(b, a, c)
+    _turn(0.0, -angles[3], 0.0, a)
+    _times(c, a, b)
+    for i in range(3):
+        elbow = points[_SHOULDERS[side], i] - UPPER_ARM * c[i, 2]
+        points[_ELBOWS[side], i] = elbow
+        points[_WRISTS[side], i] = elbow - FOREARM * b[i, 2]
+
+
+@numba.njit(cache=True)
+def _pose_leg(points: Array, side: int, base: Array, ankle: Array, yaw: float, rise: float) -> None:
+    hip, axis, bend = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        hip[i] = points[0, i] + base[i, 1] * _HIPS[side, 1] + base[i, 2] * _HIPS[side, 2]
+        axis[i] = ankle[i] - hip[i]
+    distance = np.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
+    axis /= distance
+    distance = min(max(distance, abs(THIGH - SHANK) + 1e-3), 0.998 * LEG)
+    bend[0] = base[0, 0] + np.cos(yaw)
+    bend[1] = base[1, 0] + np.sin(yaw)
+    bend[2] = base[2, 0] + 0.5
+    along = bend[0] * axis[0] + bend[1] * axis[1] + bend[2] * axis[2]
+    bend -= along * axis
+    bend /= np.sqrt(bend[0] ** 2 + bend[1] ** 2 + bend[2] ** 2)
+    down = (THIGH**2 - SHANK**2 + distance**2) / (2.0 * distance)
+    out = np.sqrt(THIGH**2 - down**2)
+    x, z = ANKLE_TO_TOE[0], ANKLE_TO_TOE[2]
+    ahead = np.cos(rise) * x + np.sin(rise) * z
+    for i in range(3):
+        points[_HIP_JOINTS[side], i] = hip[i]
+        points[_KNEES[side], i] = hip[i] + down * axis[i] + out * bend[i]
+        points[_ANKLES[side], i] = hip[i] + distance * axis[i]
+    points[_TOES[side], 0] = points[_ANKLES[side], 0] + np.cos(yaw) * ahead
+    points[_TOES[side], 1] = points[_ANKLES[side], 1] + np.sin(yaw) * ahead
+    points[_TOES[side], 2] = points[_ANKLES[side], 2] + np.cos(rise) * z - np.sin(rise) * x

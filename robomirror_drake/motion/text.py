@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, replace
 
 from robomirror_drake.exceptions import InputError, UnknownCommandError
-from robomirror_drake.motion.composer.cue import Cue
+from robomirror_drake.motion.composer.cue import Cue, other
 from robomirror_drake.motion.language import quantities
 from robomirror_drake.motion.language.fragments import ELLIPSIS, Fragment, fragments
 from robomirror_drake.motion.language.recognise import evident, ranking, recognise, travels
@@ -25,8 +25,8 @@ _TURNED_WALK = {"back": "walk_backward", "forw": "walk", "side": "side_step",
 # To do these to one side and then the other is what they are.
 _TWO_SIDED = frozenset(
     {
-        *("look_around", "shake_head", "sway", "zigzag", "twist", "swing_arms", "wave", "dance"),
-        *("stretch", "nod", "wipe", "disco", "salsa", "waltz", "stagger"),
+        *("look_around", "shake_head", "sway", "zigzag", "twist", "swing_arms", "dance"),
+        *("stretch", "wipe", "disco", "salsa", "waltz", "stagger"),
     }
 )
 # Arms that are said to be held somehow belong to these anyway.
@@ -117,19 +117,36 @@ def _extended(clauses: list[Clause], fragment: Fragment) -> list[Clause]:
     clause = _clause(fragment.text)
     if clauses and fragment.close and _same(clauses[-1], clause):
         return [*clauses[:-1], replace(clauses[-1], side=clauses[-1].side or clause.side)]
+    if clauses and fragment.close and (clauses[-1].action, clause.action) in _PREPARES:
+        return [*clauses[:-1], replace(clause, side=clause.side or _acting(clauses[-1]))]
     if clause.action == "walk_backward" and _turned(clauses) and _BACK.search(clause.text):
         clause = replace(clause, action="walk")
-    if fragment.relation == "follows" or not clauses:
+    meanwhile = fragment.close and _goes_on(clauses, clause)
+    if (fragment.relation == "follows" and not meanwhile) or not clauses:
         return [*clauses, clause]
     if fragment.relation == "manner" and not _free_arms(clauses[-1].action):
         return clauses
     return _together(clauses, clause)
 
 
+def _acting(clause: Clause) -> str | None:
+    """The side that acts: of standing on one leg, the other."""
+    if clause.action == "stand_on_one_leg" and clause.side in ("left", "right"):
+        return other(clause.side)
+    return clause.side
+
+
 def _free_arms(action: str) -> bool:
     """Whether what the arms do beside an action is worth a clause of its own."""
     held = library()[action].arms_held(Cue(side="both"))
     return not held and action not in _ARMS_BELONG
+
+
+def _goes_on(clauses: list[Clause], clause: Clause) -> bool:
+    """Whether a participle tells what the arms do on the way: "walks ahead, waving"."""
+    participle = re.match(r"(?:\w+ly )?\w+ing\b", clause.text) is not None
+    going = bool(clauses) and clauses[-1].group == "locomotion"
+    return participle and going and library()[clause.action].arms
 
 
 def _same(last: Clause, clause: Clause) -> bool:
@@ -151,6 +168,10 @@ def _again(clauses: list[Clause], text: str) -> list[Clause]:
     """The last action once more, as a fragment without an action of its own says."""
     last = clauses[-1]
     said = _clause_of(text, last.action, last.score)
+    if re.search(r"\bother\b", text):
+        if last.side not in ("left", "right"):
+            return clauses  # "one foot and then the other"
+        said = replace(said, side=other(last.side))
     if last.action in _TWO_SIDED:
         return [*clauses[:-1], replace(last, side=None)]
     action = last.action
@@ -167,6 +188,11 @@ def _together(clauses: list[Clause], clause: Clause) -> list[Clause]:
         return [*before, replace(clause, accompanies=carrier.accompanies)]
     if clause.action == "stand":
         return clauses
+    both_go = {"locomotion"} == {clause.group, carrier.group}
+    if clause.action == carrier.action or (both_go and clause.action in _PLAIN_GOING):
+        return clauses
+    if both_go and carrier.action in _PLAIN_GOING:
+        return [*before, clause]
     arms, others = library()[clause.action].arms, library()[carrier.action].arms
     if arms and not library()[carrier.action].clip:
         return [*clauses, replace(clause, accompanies=True)]
@@ -178,6 +204,16 @@ def _together(clauses: list[Clause], clause: Clause) -> list[Clause]:
     )
 
 
+_PLAIN_GOING = frozenset({"walk", "side_step"})
+# What comes first here is on the way to what follows it: "bends down and picks something up".
+_PREPARES = frozenset(
+    {
+        *(("bow", "pick_up"), ("squat", "pick_up"), ("raise_arms", "pick_up")),
+        *(("bow", "touch_toes"), ("guide", "shake_hands"), ("stand_on_one_leg", "front_kick")),
+        *(("stand_on_one_leg", "side_kick"), ("stand_on_one_leg", "round_kick")),
+        *(("step_over", "step_over"), ("shake_head", "duck")),
+    }
+)
 _MORE = re.compile(r"\b(?:again|another|more|second|once|also)\b")
 _BACK = re.compile(r"\bback\b")
 _STILL = re.compile(r"still|wait|paus|moment|while|second|idle|motionless|not |freez|nothing|rest")
@@ -211,15 +247,16 @@ def _clause_of(text: str, action: str, score: float) -> Clause:
 
 
 def _side(text: str, action: str) -> str | None:
-    side = quantities.side_of(text)
     both = {"left", "right"} <= set(re.findall(r"\bleft\b|\bright\b", text))
     if action in _TWO_SIDED and both:
         return None
-    if action == "stand_on_one_leg" and side in ("left", "right"):
-        if found := re.search(r"\bon (?:\w+ )?(left|right)\b", text):
-            return found[1]
-        if re.search(r"\b(?:lift|rais|hold)\w* (?:\w+ ){0,2}(?:leg|foot)", text):
-            return "right" if side == "left" else "left"  # the other one stands
+    bearing = re.search(r"\bon(?:to)? (?:\w+ )?(left|right)\b", text)
+    if action in ("stand_on_one_leg", "kneel") and bearing:
+        return bearing[1]
+    side = quantities.side_of(text)
+    lifted = re.search(r"\b(?:lift|rais|hold)\w* (?:\w+ ){0,2}(?:leg|foot)", text)
+    if action == "stand_on_one_leg" and side in ("left", "right") and lifted:
+        return other(side)  # the other one stands
     return side
 
 

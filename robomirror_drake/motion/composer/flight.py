@@ -65,7 +65,7 @@ def jump(score: Score, cue: Cue) -> None:
 
 def _jump_once(score: Score, cue: Cue, distance: float, aside: float) -> None:
     way = float(np.hypot(distance, aside))
-    rise = min(max(0.10 * cue.amplitude, 0.05 + 0.10 * way), 0.32)
+    rise = min(max(0.10 * cue.amplitude**1.8, 0.05 + 0.10 * way), 0.40)
     crouch = -min(0.24 + 0.4 * max(rise - 0.13, 0.0), 0.32)
     flight, speed = _flight_time(rise)
     t0 = score.now
@@ -171,7 +171,7 @@ def _bounds(
         lifted[standing] = t
         hops = bound.side == standing
         score.swing(bound.side, bound.to, lifted[bound.side], land,
-                    0.4 * lift if hops else lift, 0.0 if hops else heel)  # fmt: skip
+                    0.25 * lift if hops else lift, 0.0 if hops else heel)  # fmt: skip
         share = 1.0 if bound.side == "left" else 0.0
         if share != score.load:
             score.shift_load(share, t, land)
@@ -192,7 +192,7 @@ def _bounds(
 def hop(score: Score, cue: Cue) -> None:
     """Hop on one leg, 2 times, on the spot or by a distance."""
     count = cue.count or 2
-    rise = 0.02 * min(cue.amplitude, 2.5)
+    rise = 0.02 * min(cue.amplitude, 2.5) ** 2
     each = (cue.distance or 0.0) / count
     flight = _flight_time(rise)[0]
     at = score.feet[cue.side]
@@ -208,7 +208,7 @@ def hop(score: Score, cue: Cue) -> None:
 def leap(score: Score, cue: Cue) -> None:
     """Bound from one foot to the other, 0.55 m."""
     count = cue.count or 1
-    length = cue.distance / count if cue.distance else 0.55 * cue.amplitude
+    length = cue.distance / count if cue.distance else 0.55 * cue.amplitude**1.5
     flight = 0.10 + 0.14 * length
     for _ in range(count):
         lead, push = cue.side, other(cue.side)

@@ -14,6 +14,8 @@ DEEPEST = -0.42
 """Lowest the pelvis goes under its neutral height [m]."""
 SHIFT = 0.8
 """Time to bring the weight back onto both feet [s]."""
+ARM_MOST = 1.25
+"""Largest amplitude of the arms: joints have ends."""
 LIFT_OFF = 0.25
 """Share of a foot's way up or down in which it goes nowhere else."""
 
@@ -97,7 +99,9 @@ class _Player:
             start, end = t0 + key.at[0] / pace, t0 + key.at[1] / pace
             for name, value in self._targets(key).items():
                 at_rest = rest.get(name, 0.0)
-                grown = value if name == "load" else at_rest + size * (value - at_rest)
+                most = ARM_MOST if name.startswith(("left", "right")) else size
+                grown = at_rest + min(size, most) * (value - at_rest)
+                grown = value if name == "load" else grown
                 self._to(name, max(grown, DEEPEST) if name == "pelvis_z" else grown, start, end)
             if key.foot is not None:
                 self._carry(key.foot, size, start, end)

@@ -31,6 +31,9 @@ REACH_WINDOW = 0.5
 LOW_SWING = 0.15
 """A foot lifted higher than this does not draw the pelvis down [m]."""
 PASSES = 8
+"""Passes at most."""
+SETTLED = 3e-4
+"""Change of the pelvis from one pass to the next at which they end [m]."""
 
 
 def perform(score: Score, fps: float) -> Array:
@@ -65,6 +68,7 @@ def perform(score: Score, fps: float) -> Array:
     )
     height = pose.pelvis[:, 2].copy()
     for _ in range(PASSES):
+        before = pose.pelvis.copy()
         posed = joint_positions(pose)
         com = center_of_mass(posed)
         angular = angular_moment(posed, MASS_WEIGHTS, 1.0 / fps)
@@ -74,6 +78,8 @@ def perform(score: Score, fps: float) -> Array:
         com_height = pose.pelvis[:, 2] + offset[:, 2]
         path = center_of_mass_path(zmp, com_height, angular, 1.0 / fps)
         pose.pelvis[:, :2] = path - offset[:, :2]
+        if np.abs(pose.pelvis - before).max() < SETTLED:
+            break
     positions = joint_positions(pose)
     positions[..., :2] -= positions[0, 0, :2]
     return positions

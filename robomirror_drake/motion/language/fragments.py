@@ -14,8 +14,9 @@ Evidence = Callable[[str], bool]
 
 # After these a new fragment begins, whatever follows.
 _SEQUENCE = re.compile(
-    r"\s*(?:[;:!\n]+|\.(?!\d)|,?\s*\b(?:and )?(?:then|after that|after which|afterwards?|next"
-    r"|finally|subsequently|followed by|before|thereafter|at last|later|eventually)\b,?)\s*"
+    r"\s*(?:[;:!\n]+|\.(?!\d)|,?\s*\b(?:and )?(?:then|after that|after which|afterwards?"
+    r"|next(?=,| (?:he|she|they|it)\b)|finally|subsequently|followed by|thereafter|at last|later"
+    r"|before(?= \w+ing\b| (?:he|she|they|it)\b)|eventually)\b,?)\s*"
 )
 # After these one begins where the words of an action follow.
 _JOIN = re.compile(r"\s*(,\s*and\b|,\s*but\b|,|\band\b|\bto\b(?= \w+))\s*")
@@ -58,6 +59,12 @@ _FRONTED = tuple(
     )
 )
 _AS_POSSIBLE = re.compile(r"\bas (\w+) as (?:possible|(?:he|she|they|it|you) (?:can|could))\b")
+# "And" does not join two actions in these.
+_FIXED = re.compile(
+    r"\b(?:back and forth|up and down|down and up|to and fro|there and back|round and round"
+    r"|again and again|over and over|hands and knees|forwards? and backwards?|hand and foot"
+    r"|in and out|bob(?:s|bing)? and weav\w+|arms and legs|one and a half)\b"
+)
 _FIRST = re.compile(r"^(?:first|firstly|at first|to begin with|suddenly|starting)\b,? ")
 _LIMB = (
     r"(?:it|them|(?:the |his |her |their |both )+(?:arms?|hands?|foot|feet|legs?|knees?|head|body"
@@ -80,8 +87,10 @@ _RECOVERY = re.compile(
     r"|(?:keep|hold|stay)\w* (?:it|them|there|(?:that|the|this) (?:pose|position))"
     r"(?: (?:there|up|for|a|while|moment))*"
     r"|retracts? (?:it|them)|steps? (?:back )?(?:down|off)|(?:regain|recover)\w*(?: \w+)? balance"
+    r"|(?:gestures|motions|signals|says) (?:the|a) \w+"
     r")(?: (?:again|slowly|quickly|after\w*))*$"
 )
+_LANDING = re.compile(r"^(?:then )?land(?:s|ed|ing)?\b")
 # Words of a fragment that has no action of its own: the one before, otherwise.
 ELLIPSIS = re.compile(
     r"^(?:(?:and|then|again|also|once|twice|thrice|one|two|three|four|five|six|more|times?|steps?"
@@ -94,14 +103,13 @@ ELLIPSIS = re.compile(
 _NOT_A_VERB = frozenset(
     {
         *("arms", "hands", "legs", "feet", "knees", "hips", "shoulders", "elbows", "fists"),
-        *("fingers", "palms", "toes", "heels", "sides", "steps", "strides", "times", "rounds"),
+        *("fingers", "palms", "toes", "heels", "sides", "times", "rounds"),
         *("reps", "repetitions", "paces", "metres", "meters", "degrees", "seconds", "always"),
         *("sometimes", "perhaps", "this", "something", "anything", "nothing", "everything"),
         *("morning", "evening", "king", "upwards", "downwards", "forwards", "backwards"),
         *("sideways", "towards", "afterwards", "besides", "across", "chest", "standing"),
         *("crossed", "raised", "extended", "outstretched", "bent", "folded", "spread", "left"),
-        *("others", "circles", "kicks", "punches", "guests", "friends", "motions", "movements"),
-        *("gestures", "claps", "hops", "jumps", "squats", "lunges", "jabs", "kisses", "his"),
+        *("others", "guests", "friends", "motions", "movements", "gestures", "his"),
     }
 )
 _LEAD = re.compile(
@@ -135,6 +143,8 @@ def fragments(command: str, evident: Evidence, travels: Evidence) -> list[Fragme
         travels: Tells whether those words are of going somewhere.
     """
     command = _AS_POSSIBLE.sub(r"very \1", _FIRST.sub("", command))
+    command = _FIXED.sub(lambda found: found[0].replace(" and ", "_and_"), command)
+    command = re.sub(r"\bin turn\b", "alternately", command)
     for fronted, order in _FRONTED:
         if found := fronted.match(command):
             command = order.format(**found.groupdict())
@@ -147,7 +157,8 @@ def fragments(command: str, evident: Evidence, travels: Evidence) -> list[Fragme
             for k, text in enumerate(_WHILE.split(piece)):
                 if text.strip():
                     relation: Relation = "accompanies" if k else "follows"
-                    fragment = Fragment(text.strip(), relation, close=i + k > 0)
+                    words = text.strip().replace("_and_", " and ")
+                    fragment = Fragment(words, relation, close=i + k > 0)
                     parts += _with_manner(fragment, evident)
     return parts
 
@@ -172,6 +183,8 @@ def _pieces(part: str, evident: Evidence, travels: Evidence) -> list[str]:
             continue
         if not pieces:
             pieces.append(text)
+        elif _LANDING.match(text):
+            pieces[-1] = f"{pieces[-1]} and {text}"  # how far it goes may stand here
         elif joint == "to" and not (travels(pieces[-1]) and _infinitive(text, evident)):
             pieces[-1] = f"{pieces[-1]} to {text}"
         elif joint != "to" and _RECOVERY.match(text):
@@ -204,10 +217,12 @@ def _begins(text: str, evident: Evidence) -> bool:
     """Whether a fragment begins here rather than the one before going on."""
     bare = _LEAD.sub("", text)
     first = bare.split(" ")[0]
+    if first in _NOT_A_VERB:
+        return False
     if evident(bare) and not _only_later(bare, evident):
         return True
     ends_like_verb = first.endswith(("s", "ing", "ed")) and not first.endswith("ss")
-    return len(first) > 3 and ends_like_verb and first not in _NOT_A_VERB
+    return len(first) > 3 and ends_like_verb
 
 
 def _only_later(text: str, evident: Evidence) -> bool:

@@ -28,6 +28,12 @@ _NUMBER = (
     + r")(?![\w.]*\d)"
 )
 
+# A side that things are at, or go by, is not the side that acts.
+_PASSING = re.compile(
+    r"\bfrom (?:the |his |her )?(?:left|right) to (?:the |his |her )?(?:left|right)\b"
+    r"|\b(?:left to right|right to left)\b"
+    r"|\b(?:on|at) (?:his|her|their|its) (?:left|right)\b(?! (?!side)\w)"
+)
 _SPEED = re.compile(
     rf"{_NUMBER}\s*(m/s|meters? (?:per|a) second|metres? (?:per|a) second|km/h|kmh)"
 )
@@ -73,7 +79,7 @@ _TEMPO: tuple[tuple[str, float], ...] = (
      r"|casual\w*|relaxed|lazy|lazily|hesitant\w*|timid\w*|shy(?:ly)?|solemn\w*", 0.75),
     (r"(?:very|extremely|really|so) (?:quick|fast|rapid)\w*|frantic\w*|furious\w*"
      r"|explosive\w*", 1.6),
-    (rf"{_ANGRY}|quick\w*|fast|faster|rapid\w*|swift\w*|brisk\w*|hurried\w*|in a hurry"
+    (rf"{_ANGRY}|quick\w*|fast|faster|rapid\w*|swift\w*|brisk\w*|hurr(?:y|ied|ies|ying)\w*"
      r"|sudden\w*|speed\w*|energetic\w*|vigorous\w*", 1.35),
     (rf"{_HAPPY}|nervous\w*|determined\w*", 1.15),
 )  # fmt: skip
@@ -119,6 +125,7 @@ def side_of(text: str) -> str | None:
     if re.search(r"\b(?:(?:both|two) (?:of )?(?:\w+ )?(?:hands|arms|fists|legs|sides)"
                  r"|left and (?:the )?right \w+|right and (?:the )?left \w+)", text):  # fmt: skip
         return "both"
+    text = _PASSING.sub(" ", text)
     found = re.search(r"\b(left|right|counter-?clockwise|anti-?clockwise|clockwise)\b", text)
     if found is None:
         return None

@@ -66,11 +66,12 @@ def ranking(text: str) -> dict[str, float]:
     bare = quantities.without_quantities(bare) or bare
     probability = meaning(f"a person {bare}")
     alien = foreign(text)
-    doubt = 1.0 if alien else probability[UNKNOWN]
+    doubt = probability[UNKNOWN]
     total = {}
     for name in library():
-        found = len(matches(text).get(name, ""))
-        counts = found and (doubt <= VETO or found >= max(FIRM, len(alien) + 1))
+        stretch = matches(text).get(name, "")
+        found = 0 if alien and _WEAK.match(stretch) else len(stretch)
+        counts = found and (found > len(alien) if alien else doubt <= VETO or found >= FIRM)
         bonus = WORD_BONUS + LENGTH_BONUS * min(found, LONGEST) if counts else 0.0
         total[name] = (0.0 if alien and not counts else probability[name]) + bonus
     return dict(sorted(total.items(), key=lambda item: -item[1]))
