@@ -16,8 +16,8 @@ app = typer.Typer(help="The learned generator: corpus, training, figures.", no_a
 @app.command()
 def corpus(
     folder: Annotated[Path, typer.Argument(metavar="OUT", help="New folder for it.")],
-    commands: Annotated[int, typer.Option(help="Different commands.")] = 600,
-    candidates: Annotated[int, typer.Option(help="Motions of each.")] = 6,
+    commands: Annotated[int, typer.Option(help="Different commands.")] = 1000,
+    candidates: Annotated[int, typer.Option(help="Motions of each.")] = 4,
     seed: Annotated[int, typer.Option(help="Of all that is drawn.")] = 0,
     clips: Annotated[bool, typer.Option(help="The recorded clips as well.")] = True,
 ) -> None:

@@ -12,6 +12,9 @@ from robomirror_drake.systems.ports import expect
 class MotionGenerator(LeafSystem):
     """Makes candidate human motions for a command (the paper's f).
 
+    From the composer, the learned generator, ready motions, or all in turn, as the options say;
+    each candidate names its source.
+
     Input port:
         command: the text, a ``Value[object]`` that holds a ``str``.
     Output port:

@@ -53,8 +53,8 @@ class CorpusOptions(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    commands: int = Field(600, ge=8, le=100_000, description="different commands")
-    candidates: int = Field(6, ge=1, le=256, description="motions of each command")
+    commands: int = Field(1000, ge=8, le=100_000, description="different commands")
+    candidates: int = Field(4, ge=1, le=256, description="motions of each command")
     captions: int = Field(4, ge=1, le=16, description="wordings of each command, at most")
     clips: bool = Field(True, description="whether the recorded clips are in it as well")
     diversity: float = Field(1.0, ge=0.0, le=1.0, description="spread of the style")
