@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 from rich.table import Table
@@ -19,7 +17,6 @@ from robomirror_drake.terminal import check_file, console, out, progress_bars, w
 if TYPE_CHECKING:
     from robomirror_drake.dataset.generate import Progress
     from robomirror_drake.dataset.options import DatasetOptions
-    from robomirror_drake.dataset.summary import Cost, Summary, Tally
 
 app = typer.Typer(help="Executions at scale, as Parquet files.", no_args_is_help=True)
 
@@ -99,6 +96,7 @@ def generate(
     """
     from robomirror_drake.config import load_scenario
     from robomirror_drake.dataset.generate import generate_dataset
+    from robomirror_drake.dataset.printing import print_cost, progress_words, tally_words
     from robomirror_drake.dataset.prompts import read_prompts
     from robomirror_drake.dataset.summary import summarise
 
@@ -117,7 +115,7 @@ def generate(
 
         def report(progress: Progress) -> None:
             bars.update(
-                task, total=progress.total, completed=progress.done, said=_progress(progress)
+                task, total=progress.total, completed=progress.done, said=progress_words(progress)
             )
 
         done = generate_dataset(
@@ -134,8 +132,8 @@ def generate(
     for fault in done.damaged:
         console.print(f"made anew: {fault}", style="yellow", markup=False, highlight=False)
     summary = summarise(folder)
-    out.print(f"{folder}: {_tally(summary.total)}", highlight=False)
-    _print_cost(summary.cost)
+    out.print(f"{folder}: {tally_words(summary.total)}", highlight=False)
+    print_cost(summary.cost, out)
 
 
 @app.command()
@@ -144,14 +142,15 @@ def info(
     json_file: JsonOption = None,
 ) -> None:
     """Balance, falls by action and cause, failures, hours, and what the making took."""
+    from robomirror_drake.dataset.printing import plain, print_summary
     from robomirror_drake.dataset.summary import summarise
 
     check_file(json_file)
     summary = summarise(folder)
-    _print_summary(summary)
+    print_summary(summary, out)
     figures = asdict(summary)
     figures["cost"] |= {"rate": summary.cost.rate(), "paper_core_hours": summary.cost.paper_hours()}
-    write_json(json_file, _plain(figures))
+    write_json(json_file, plain(figures))
 
 
 @app.command()
@@ -169,8 +168,8 @@ def scaling(
     """Measure what more workers bring: the same commands with one and with more of them."""
     from robomirror_drake.config import load_scenario
     from robomirror_drake.dataset.prompts import read_prompts
+    from robomirror_drake.dataset.records import Job
     from robomirror_drake.dataset.scaling import measure_scaling
-    from robomirror_drake.dataset.unit import Job
 
     check_file(json_file)
     options = _options(settings, seed=seed, per_prompt=per_prompt, executions=executions)
@@ -200,78 +199,3 @@ def _options(name: str, **changes: int | None) -> DatasetOptions:
     given = {key: value for key, value in changes.items() if value is not None}
     base = load_yaml(DatasetOptions, "datasets", name)
     return validate(DatasetOptions, base.model_dump() | given, "command line")
-
-
-def _progress(progress: Progress) -> str:
-    """Rate, time to go and falls of a run."""
-    executed = progress.episodes - progress.failed
-    if not executed or not progress.elapsed_s:
-        return ""
-    rate = progress.simulated_s / progress.elapsed_s
-    share = progress.fell / executed
-    own = progress.done_here
-    left = (progress.total - progress.done) * progress.elapsed_s / own if own else 0.0
-    clock = time.strftime("%H:%M:%S", time.gmtime(left % 86_400))
-    days = f"{int(left // 86_400)} d " if left >= 86_400 else ""
-    return (
-        f"{rate:.2f} simulated s/s, {rate / progress.workers:.2f} a worker, "
-        f"{days}{clock} to go, {100 * share:.0f} % fell, {progress.failed} failed"
-    )
-
-
-def _ranked(counts: dict[str, int]) -> list[tuple[str, int]]:
-    return sorted(counts.items(), key=lambda item: -item[1])
-
-
-def _tally(tally: Tally) -> str:
-    return (
-        f"{tally.episodes} episodes, {tally.seconds / 3600:.2f} h, {tally.fell} falls "
-        f"({100 * tally.fall_share:.1f} %), {tally.failed} failed"
-    )
-
-
-def _print_summary(summary: Summary) -> None:
-    out.print(f"{summary.prompts} commands, {_tally(summary.total)}", highlight=False)
-    for name, tallies in summary.by.items():
-        if not tallies:
-            continue
-        table = Table(name, "episodes", "share [%]", "hours", "fell [%]", "failed", "causes")
-        for value, tally in sorted(tallies.items(), key=lambda item: -item[1].episodes):
-            table.add_row(
-                escape(value),
-                str(tally.episodes),
-                f"{100 * tally.episodes / summary.total.episodes:.1f}",
-                f"{tally.seconds / 3600:.2f}",
-                f"{100 * tally.fall_share:.1f}",
-                str(tally.failed),
-                ", ".join(f"{cause} {count}" for cause, count in _ranked(tally.causes)),
-            )
-        out.print(table)
-    for failure, count in _ranked(summary.failures)[:10]:
-        out.print(f"{count} failed: {failure}", markup=False, highlight=False)
-    _print_cost(summary.cost)
-    for fault in summary.damaged:
-        out.print(f"skipped: {fault}", style="red", markup=False, highlight=False, soft_wrap=True)
-
-
-def _print_cost(cost: Cost) -> None:
-    """Rates by stage, and the paper's data set on some numbers of cores."""
-    if not cost.all_cpu_s:
-        return
-    table = Table("stage", "share of processor time [%]", "simulated s / s of a core")
-    for stage, spent in cost.cpu_s.items():
-        table.add_row(stage, f"{100 * spent / cost.all_cpu_s:.1f}", f"{cost.rate(stage):.2f}")
-    table.add_row("all", "100", f"{cost.rate():.2f}")
-    out.print(table)
-    out.print(f"with waiting for a core: {cost.wall_rate():.2f} simulated s / s a worker")
-    from robomirror_drake.dataset.summary import PAPER_EPISODES
-
-    hours = ", ".join(f"{cost.paper_hours(n):,.0f} h on {n} cores" for n in (1, 16, 64, 256))
-    out.print(f"{PAPER_EPISODES:,} executions at this rate: {hours}", highlight=False)
-
-
-def _plain(value: Any) -> Any:
-    """The same with null where a number is not finite, as JSON has it."""
-    if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
-    return None if isinstance(value, float) and value != value else value

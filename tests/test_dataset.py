@@ -27,9 +27,10 @@ from robomirror_drake.dataset.columns import (
 from robomirror_drake.dataset.generate import Progress, generate_dataset
 from robomirror_drake.dataset.options import DatasetOptions, draw_disturbance, stream
 from robomirror_drake.dataset.prompts import Prompt
+from robomirror_drake.dataset.records import Job
 from robomirror_drake.dataset.shards import Store, check, encode, read_frames, read_shards
 from robomirror_drake.dataset.summary import summarise
-from robomirror_drake.dataset.unit import Job, Made
+from robomirror_drake.dataset.unit import Made
 from robomirror_drake.exceptions import InputError, ResultError
 
 PROMPTS = tuple(

@@ -14,7 +14,8 @@ from robomirror_drake.dataset import unit
 from robomirror_drake.dataset.columns import rows_in_shape
 from robomirror_drake.dataset.options import DatasetOptions
 from robomirror_drake.dataset.prompts import Prompt
-from robomirror_drake.dataset.unit import Job, failed, make
+from robomirror_drake.dataset.records import Job
+from robomirror_drake.dataset.unit import failed, make
 from robomirror_drake.dataset.windows import ERRORS, Track, label_windows
 from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.optimization.plan import plan_dynamics

@@ -16,6 +16,7 @@ from robomirror_drake.config import Scenario
 from robomirror_drake.dataset.options import DatasetOptions
 from robomirror_drake.dataset.pool import Pool, Work, here
 from robomirror_drake.dataset.prompts import Prompt
+from robomirror_drake.dataset.records import Job
 from robomirror_drake.dataset.shards import (
     Shard,
     Store,
@@ -25,7 +26,7 @@ from robomirror_drake.dataset.shards import (
     remove,
     write_shard,
 )
-from robomirror_drake.dataset.unit import Job, Made, make
+from robomirror_drake.dataset.unit import Made, make
 from robomirror_drake.exceptions import InputError, ResultError
 from robomirror_drake.results import check_place, installed_versions
 

@@ -9,7 +9,8 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-from robomirror_drake.dataset.unit import Job, Made, failed, make
+from robomirror_drake.dataset.records import Job
+from robomirror_drake.dataset.unit import Made, failed, make
 from robomirror_drake.exceptions import InputError
 
 RENEWAL: Final = 8

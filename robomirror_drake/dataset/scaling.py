@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from robomirror_drake.dataset.pool import Pool, Work
-from robomirror_drake.dataset.unit import Job, make
+from robomirror_drake.dataset.records import Job
+from robomirror_drake.dataset.unit import make
 
 
 class Scaling(NamedTuple):
