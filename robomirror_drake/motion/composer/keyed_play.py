@@ -14,6 +14,8 @@ DEEPEST = -0.42
 """Lowest the pelvis goes under its neutral height [m]."""
 SHIFT = 0.8
 """Time to bring the weight back onto both feet [s]."""
+OVERSHOOT = 0.6
+"""How far a motion larger than by a fifth throws its weight too far, per amplitude."""
 ARM_MOST = 1.25
 """Largest amplitude of the arms: joints have ends."""
 LIFT_OFF = 0.25
@@ -101,7 +103,8 @@ class _Player:
                 at_rest = rest.get(name, 0.0)
                 most = ARM_MOST if name.startswith(("left", "right")) else size
                 grown = at_rest + min(size, most) * (value - at_rest)
-                grown = value if name == "load" else grown
+                if name == "load":  # a large motion throws the weight past the foot
+                    grown = value * (1.0 + OVERSHOOT * max(self.amplitude - 1.2, 0.0))
                 self._to(name, max(grown, DEEPEST) if name == "pelvis_z" else grown, start, end)
             if key.foot is not None:
                 self._carry(key.foot, size, start, end)
