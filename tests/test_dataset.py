@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from robomirror_drake.config import Scenario
+from robomirror_drake.dataset import scaling
 from robomirror_drake.dataset.columns import (
     EPISODE_COLUMNS,
     episodes_table,
@@ -26,6 +27,7 @@ from robomirror_drake.dataset.columns import (
 )
 from robomirror_drake.dataset.generate import Progress, generate_dataset
 from robomirror_drake.dataset.options import DatasetOptions, draw_disturbance, stream
+from robomirror_drake.dataset.pool import here
 from robomirror_drake.dataset.prompts import Prompt
 from robomirror_drake.dataset.records import Job
 from robomirror_drake.dataset.shards import Store, check, encode, read_frames, read_shards
@@ -254,6 +256,32 @@ def test_real_kills_of_a_worker_and_of_the_driver(whole, tmp_path):
     progress = make_all(folder)
     assert 0 < progress.done_here <= 10 - before + 1
     assert_same(folder, whole)
+
+
+def test_scaling_is_measured_on_the_same_work(monkeypatch):
+    at_once = []
+
+    class Serial:
+        def __init__(self, workers: int) -> None:
+            assert workers == 2
+
+        def __enter__(self) -> Serial:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def map(self, jobs, work, **named):
+            at_once.append(named.get("at_once"))
+            return here(jobs, work)
+
+    monkeypatch.setattr(scaling, "Pool", Serial)
+    jobs = [Job(n, prompt, OPTIONS, Scenario()) for n, prompt in enumerate(PROMPTS[:3])]
+    rows = scaling.measure_scaling(jobs, (1, 2), pretend)
+    assert at_once == [None, 1, 2]  # None warms up
+    for row in rows:
+        assert row.simulated_s == pytest.approx(3 * 0.6)
+        assert row.cpu_s == pytest.approx(3 * 1.5)
 
 
 def test_damage_is_named_skipped_and_mended(whole, tmp_path):
