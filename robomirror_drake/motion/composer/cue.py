@@ -58,6 +58,11 @@ class Cue:
     busy_arms: frozenset[str] = frozenset()
     duration: float | None = None
 
+    @property
+    def haste(self) -> float:
+        """Factor by which weight shifts, too, are hurried where the tempo is far over the usual."""
+        return max(1.0, self.tempo / 1.25)
+
 
 def other(side: str) -> str:
     """The opposite side."""

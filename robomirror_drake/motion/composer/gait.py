@@ -11,7 +11,14 @@ import numpy as np
 
 from robomirror_drake.motion.composer.cue import Cue, other
 from robomirror_drake.motion.composer.score import STANCE_WIDTH, Score, ahead
-from robomirror_drake.motion.composer.steps import PLAIN, Manner, Step, take_steps
+from robomirror_drake.motion.composer.steps import (
+    DOUBLE_SUPPORT,
+    FIRST_SHIFT,
+    PLAIN,
+    Manner,
+    Step,
+    take_steps,
+)
 
 
 @dataclass(frozen=True)
@@ -220,7 +227,7 @@ def _march(
     begin, step_time = score.now, step_time / cue.tempo
     take_steps(score, steps, step_time, cue, replace(manner, heel=0.35))
     # The shin hangs from the knee: the foot comes forward as it rises.
-    first = begin + max(0.6, 0.25 * step_time)
+    first = begin + max(FIRST_SHIFT / cue.haste, DOUBLE_SUPPORT * step_time)
     for i, step in enumerate(steps):
         lifted = first + i * step_time
         top, landed = lifted + 0.375 * step_time, lifted + 0.75 * step_time

@@ -47,7 +47,7 @@ class _Player:
     def once(self) -> None:
         """There, the beats, the pause, and back."""
         keyed, cue, score = self.keyed, self.cue, self.score
-        pace = np.sqrt(cue.tempo) if keyed.beat else cue.tempo
+        pace = np.sqrt(cue.tempo) * cue.haste if keyed.beat else cue.tempo
         begin, side = score.now, self.side
         self._play(keyed.keys, pace, self.amplitude if keyed.scaled else 1.0, {})
         rest = {name: score.settled(name) - home for name, home in self.home.items()}
@@ -72,12 +72,13 @@ class _Player:
         else:  # the way back is told in the heading that the foot had before
             before = ahead(foot, 0.0, 0.0, yaw)
             to = ahead(before, size * stance.x, size * sign * stance.y)
-        shifted = score.now + STEP_TIME
-        landed = shifted + STEP_TIME / np.sqrt(cue.tempo)
+        time = STEP_TIME / cue.haste
+        shifted = score.now + time
+        landed = shifted + time / np.sqrt(cue.tempo)
         score.shift_load(0.0 if side == "left" else 1.0, score.now, shifted)
         score.swing(side, to, shifted, landed, cue.style.step_height)
-        score.shift_load(0.5, landed, landed + STEP_TIME)
-        score.now = landed + (0.6 if into else 1.0) * STEP_TIME
+        score.shift_load(0.5, landed, landed + time)
+        score.now = landed + (0.6 if into else 1.0) * time
 
     def _beats(self, spent: float) -> int:
         keyed, cue = self.keyed, self.cue
@@ -165,7 +166,7 @@ class _Player:
             early = LIFT_OFF * time if lifted and name.endswith(("foot_x", "foot_y")) else 0.0
             score.to(name, home, start, end - early)
         if "load" in self.home:
-            begin, end = (end, end + SHIFT) if lifted else (start, end)
+            begin, end = (end, end + SHIFT / self.cue.haste) if lifted else (start, end)
             score.shift_load(0.5, begin, end)
         score.now = end
 

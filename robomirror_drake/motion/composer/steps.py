@@ -74,7 +74,7 @@ def take_steps(
 ) -> None:
     """Write a plan of steps, one every ``step_time`` [s], with weight shifts and arm swing."""
     transfer = DOUBLE_SUPPORT * step_time
-    shift = max(FIRST_SHIFT, transfer)
+    shift = max(FIRST_SHIFT / cue.haste, transfer)
     begin = score.now
     lifted = begin + shift
     score.shift_load(_stance_share(steps[0].side), begin, lifted)
@@ -132,7 +132,7 @@ def _counter_swing(
 
 def _carry(score: Score, cue: Cue, manner: Manner, begin: float, end: float) -> None:
     """The bearing of trunk and arms, taken up with the first shift and given up with the last."""
-    up, down = begin + FIRST_SHIFT, score.now
+    up, down = begin + FIRST_SHIFT / cue.haste, score.now
     moves = [("pelvis_z", -manner.crouch), ("pelvis_pitch", 0.5 * manner.lean),
              ("chest_pitch", 0.5 * manner.lean),
              ("head_pitch", manner.look_down - 0.6 * manner.lean)]  # fmt: skip
