@@ -37,7 +37,11 @@ def load_yaml(model: type[Model], folder: str, file: str | Path) -> Model:
     try:
         data = yaml.safe_load(source.read_text(encoding="utf-8"))
     except OSError as error:
-        known = ", ".join(sorted(f.name.removesuffix(".yaml") for f in shipped.iterdir()))
+        known = ", ".join(
+            sorted(
+                f.name.removesuffix(".yaml") for f in shipped.iterdir() if f.name.endswith(".yaml")
+            )
+        )
         raise ConfigError(f"no {folder}/{file}; known: {known}; or give a path") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: not YAML: {error}") from error

@@ -115,6 +115,9 @@ def test_other_settings_do_not_continue_a_checkpoint(corpus: Path, tmp_path: Pat
     train(tiny(corpus, tmp_path))
     with pytest.raises(ConfigError, match="begun with other options"):
         train(tiny(corpus, tmp_path, seed=1))
+    if not torch.cuda.is_available():
+        with pytest.raises(ConfigError, match="device is cuda, and there is none here"):
+            train(tiny(corpus, tmp_path, device="cuda"))
 
 
 def test_damaged_data_are_refused(corpus: Path, tmp_path: Path) -> None:
@@ -133,6 +136,10 @@ def test_damaged_data_are_refused(corpus: Path, tmp_path: Path) -> None:
     text.write_text("a man walks#a/DET man/NOUN walk/VERB#0.0#0.0\nhe stops#he/PRON#1.0#4.0\n")
     whole, part = load_split(tmp_path, "train")[::-1]
     assert (len(whole.features), len(part.features)) == (100, 60)
+    np.save(tmp_path / "new_joint_vecs" / "b.npy", np.full((100, 263), np.nan, np.float32))
+    (tmp_path / "texts" / "b.txt").write_text("a man runs#a/DET man/NOUN run/VERB#0.0#0.0\n")
+    (tmp_path / "train.txt").write_text("a\nb\nnone\n")
+    assert len(load_split(tmp_path, "train")) == 2
     text.write_text("a man walks\n")
     with pytest.raises(MotionFileError, match="line 1"):
         load_split(tmp_path, "train")

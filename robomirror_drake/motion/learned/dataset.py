@@ -59,16 +59,16 @@ def load_normalizer(folder: Path) -> Normalizer:
         MotionFileError: One is missing or not (263,) numbers, or a deviation is not positive.
     """
     mean, std = (_numbers(folder / name, (FEATURES,)) for name in ("Mean.npy", "Std.npy"))
-    if not (std > 0).all():
-        raise MotionFileError(folder / "Std.npy", "a deviation is not positive")
+    if not (np.isfinite(mean).all() and np.isfinite(std).all() and (std > 0).all()):
+        raise MotionFileError(folder / "Std.npy", "a mean or deviation is no sensible number")
     return Normalizer(mean, std)
 
 
 def load_split(folder: Path, split: str) -> tuple[TextMotion, ...]:
     """All motions of a split; a caption that is about a part of a motion makes one of its own.
 
-    Names without a file, and motions of another length than 2 to 10 s, are left out, as in the
-    source.
+    Names without a file, motions of another length than 2 to 10 s and motions with NaN are left
+    out, as in the source, whose published data have some of each.
 
     Raises:
         MotionFileError: A list, an array or a text is damaged, or nothing is left.
@@ -81,6 +81,8 @@ def load_split(folder: Path, split: str) -> tuple[TextMotion, ...]:
         if not (path.is_file() and text.is_file()):
             continue
         features = normalizer.to(_numbers(path, (None, FEATURES)))
+        if not np.isfinite(features).all():
+            continue
         whole: list[str] = []
         for caption, start, end in _captions(text):
             if start == end == 0.0:
@@ -136,6 +138,4 @@ def _numbers(path: Path, shape: tuple[int | None, ...]) -> Float32:
     fits = isinstance(array, np.ndarray) and array.dtype.kind == "f" and len(shape) == array.ndim
     if not fits or any(w not in (None, h) for w, h in zip(shape, array.shape, strict=True)):
         raise MotionFileError(path, f"expected an array of {shape} numbers")
-    if not np.isfinite(array).all():
-        raise MotionFileError(path, "holds NaN or infinity")
     return np.asarray(array, dtype=np.float32)

@@ -55,6 +55,8 @@ class Training:
             MotionFileError: The data cannot be used.
             ConfigError: The checkpoint was begun with other settings or data.
         """
+        if options.device == "cuda" and not torch.cuda.is_available():
+            raise ConfigError("device is cuda, and there is none here; train on the cpu")
         self.options = options
         self.device = torch.device(options.device)
         self.motions = load_split(options.data, "train")
