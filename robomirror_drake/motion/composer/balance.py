@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from scipy.linalg import solveh_banded
 
@@ -74,13 +75,26 @@ def angular_moment(points: Array, masses: Array, dt: float) -> Array:
         (T, 2) moment divided by m·g, as a shift of the zero-moment point along x and y [m].
     """
 
-    def moment(p: Array) -> Array:
-        acceleration = np.zeros_like(p)
-        acceleration[1:-1] = np.diff(p, 2, axis=0) / dt**2
-        lifted = acceleration[..., 2:] / GRAVITY + 1.0
-        m: Array = lifted * p[..., :2] - p[..., 2:] * acceleration[..., :2] / GRAVITY
-        return m
+    shift = np.zeros((len(points), 2))
+    _limb_moment(points, masses, dt, shift)
+    return shift
 
-    com = np.einsum("j,tjk->tk", masses, points)
-    limbs: Array = np.einsum("j,tjk->tk", masses, moment(points)) - moment(com)
-    return limbs
+
+@numba.njit(cache=True)
+def _limb_moment(points: Array, masses: Array, dt: float, out: Array) -> None:
+    """Moment of each point mass less that of all of them at their centre."""
+    com, acceleration = np.empty(3), np.empty(3)
+    for t in range(1, len(points) - 1):
+        com[:], acceleration[:] = 0.0, 0.0
+        for j in range(len(masses)):
+            before, now, after = points[t - 1, j], points[t, j], points[t + 1, j]
+            lifted = (after[2] - 2.0 * now[2] + before[2]) / (dt * dt) / GRAVITY + 1.0
+            for i in range(3):
+                a = (after[i] - 2.0 * now[i] + before[i]) / (dt * dt)
+                com[i] += masses[j] * now[i]
+                acceleration[i] += masses[j] * a
+                if i < 2:
+                    out[t, i] += masses[j] * (lifted * now[i] - now[2] * a / GRAVITY)
+        lifted = acceleration[2] / GRAVITY + 1.0
+        for i in range(2):
+            out[t, i] -= lifted * com[i] - com[2] * acceleration[i] / GRAVITY
