@@ -104,7 +104,7 @@ _NOT_A_VERB = frozenset(
     {
         *("arms", "hands", "legs", "feet", "knees", "hips", "shoulders", "elbows", "fists"),
         *("fingers", "palms", "toes", "heels", "sides", "times", "rounds"),
-        *("reps", "repetitions", "paces", "metres", "meters", "degrees", "seconds", "always"),
+        *("reps", "repetitions", "metres", "meters", "degrees", "seconds", "always"),
         *("sometimes", "perhaps", "this", "something", "anything", "nothing", "everything"),
         *("morning", "evening", "king", "upwards", "downwards", "forwards", "backwards"),
         *("sideways", "towards", "afterwards", "besides", "across", "chest", "standing"),
