@@ -80,14 +80,10 @@ class LearnedGenerator:
         """Joint positions (T, 22, 3) [m], y up, at 20 fps, of a motion for each text.
 
         Each motion's length and noise come from a random generator of its own.
-
-        Raises:
-            UnknownCommandError: A text is far from all that was trained on.
         """
         unique = sorted(set(texts))
-        vectors = sentence_vectors(unique, self._encoder)
-        self._check_known(unique, vectors)
-        text = vectors[[unique.index(text) for text in texts]]
+        rows = [unique.index(text) for text in texts]
+        text = sentence_vectors(unique, self._encoder)[rows]
         number = self._draw_tokens(text, generators)
 
         def noise() -> Tensor:
@@ -104,12 +100,13 @@ class LearnedGenerator:
         whole = make_whole(joints, self._bones, FPS)
         return [w[: n * FRAMES_PER_TOKEN] for w, n in zip(whole, number.tolist(), strict=True)]
 
-    def _check_known(self, texts: list[str], vectors: Tensor) -> None:
-        cosine = nn.functional.normalize(vectors, dim=1) @ self._known.T
-        for text, row in zip(texts, cosine, strict=True):
-            if row.max() < LEAST_LIKENESS:
-                nearest = row.topk(min(3, len(row))).indices.tolist()
-                raise UnknownCommandError(text, [self._said[i] for i in nearest])
+    def check_known(self, text: str) -> None:
+        """Raises UnknownCommandError where a text is far from all that was trained on."""
+        vector = nn.functional.normalize(sentence_vectors([text], self._encoder)[0], dim=0)
+        cosine = self._known @ vector
+        if cosine.max() < LEAST_LIKENESS:
+            nearest = cosine.topk(min(3, len(cosine))).indices.tolist()
+            raise UnknownCommandError(text, [self._said[i] for i in nearest])
 
     @torch.no_grad()
     def _draw_tokens(self, text: Tensor, generators: list[torch.Generator]) -> Tensor:
@@ -159,6 +156,7 @@ def generate_learned(
         UnknownCommandError: The text is far from all that they were trained on.
     """
     model = load_generator(options.weights)
+    model.check_known(text)
     generators = [
         torch.Generator().manual_seed(int(np.random.default_rng((seed, k)).integers(2**62)))
         for k in indices

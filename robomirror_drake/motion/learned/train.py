@@ -36,7 +36,7 @@ from robomirror_drake.motion.learned.training import STAGES, Report, Training
 
 _ROOT_WEIGHT, _JOINT_WEIGHT = 5.0, 2.0  # the root's errors add up over time
 _TEACHER_DECAY = 0.999
-_KNOWN_CAPTIONS = 256  # kept with the weights, to tell what they know
+_KNOWN_CAPTIONS = 512  # kept with the weights, to tell what they know
 
 
 def train(options: TrainOptions, report: Report = lambda *_: None) -> Path:
