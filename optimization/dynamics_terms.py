@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from robomirror_drake.messages import Array
+from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization.whole_body_collision import CollisionModel
 from robomirror_drake.robot import FEET, Robot
 
 PELVIS, TRUNK, LEFT_SOLE, RIGHT_SOLE = range(4)
@@ -30,8 +31,10 @@ class ControlModel:
         damping: (29,) viscous friction, zero for the base [N·m·s/rad].
         effort: (23,) torque limits [N·m].
         lower, upper: (23,) joint limits [rad].
+        knees: (23,) which joints are knees.
         limbs: (23,) which limb each joint belongs to: ``leg``, ``waist`` or ``arm``.
         mass: Total mass [kg].
+        collision: What to keep apart.
     """
 
     model: pin.Model
@@ -41,8 +44,10 @@ class ControlModel:
     effort: Array
     lower: Array
     upper: Array
+    knees: BoolArray
     limbs: tuple[str, ...]
     mass: float
+    collision: CollisionModel
 
 
 def control_model(robot: Robot) -> ControlModel:
@@ -73,8 +78,10 @@ def control_model(robot: Robot) -> ControlModel:
         effort=robot.effort_limits,
         lower=lower,
         upper=upper,
+        knees=np.array(["KNEE" in name for name in robot.joint_names]),
         limbs=_limbs(model, soles, trunk),
         mass=robot.mass,
+        collision=CollisionModel.of(robot),
     )
 
 

@@ -17,7 +17,7 @@ LANDED = 0.03
 LOW, LOW_ALONE = 0.07, 0.16
 """To what height a heel or toe hangs low, also where no other foot stands [m]."""
 
-TURNS = 0.3
+TURNS = 0.6
 """By how much a human foot has to turn while it stands for the robot's to turn with it [rad]."""
 
 _LONG = 9  # samples from which on a heel or toe hangs low for long
@@ -26,7 +26,9 @@ _STEADY = 3.0  # standard deviation of the filter on such a foot's heading [samp
 _CUT, _SHORTEST = 2, 3  # samples on both sides of a cut that go, and that a foothold needs
 
 
-def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray, Array]:
+def footholds(
+    soles: Array, ends: BoolArray, corners: Array, facing: Array, turnable: Array
+) -> tuple[BoolArray, Array]:
     """Where the feet stand, and when.
 
     A foot stands still, or pivots with the human's about the middle of what stands of it. One
@@ -36,6 +38,8 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
         soles: (T, 2, 4, 3) corners of the soles as the human's feet have them [m].
         ends: (T, 2, 4) which of them touch the floor.
         corners: (2, 4, 3) corners in the frame of a foot [m].
+        facing: (T,) heading of the pelvis [rad].
+        turnable: (2, 2) how far the robot's feet turn from there, rightwards and leftwards [rad].
 
     Returns:
         (T, 2, 4) which corners stand, (T, 2, 4, 3) and where; zero where the foot does not.
@@ -48,7 +52,8 @@ def footholds(soles: Array, ends: BoolArray, corners: Array) -> tuple[BoolArray,
             start, stop = todo.pop()
             run = slice(start, stop)
             stands, shared = ends[run, f], np.asarray(contact[run, 1 - f].any(axis=1))
-            at = _foothold(soles[run, f], stands, corners[f])
+            reach = facing[run, None] + turnable[f]
+            at = _foothold(soles[run, f], stands, corners[f], reach)
             stray = np.linalg.norm(soles[run, f, :, :2] - at[..., :2], axis=-1)
             far = np.where(shared, (stray * stands).max(axis=1) > REACH, False)
             if stop - start < _SHORTEST and shared.all():
@@ -81,18 +86,36 @@ def _settled(soles: Array, ends: BoolArray) -> BoolArray:
     return contact
 
 
-def _foothold(sole: Array, stands: BoolArray, corners: Array) -> Array:
+def _foothold(sole: Array, stands: BoolArray, corners: Array, reach: Array) -> Array:
     """(T, 4, 3) corners flat on the floor, nearest to where those that stand (T, 4, 3) are."""
     # The heading is best seen where the foot is flat, and of little worth on its toe.
     weight = np.where(stands.all(axis=1), 1.0, 0.05)
     yaw = np.unwrap(heading(sole))
-    turned = gaussian_filter1d(yaw, _STEADY, mode="nearest")
-    if np.ptp(turned) < TURNS:
-        turned = np.full_like(yaw, weight @ yaw / weight.sum())
+    around = (yaw - reach.mean(axis=1)).mean()  # the two may have been counted from other turns
+    reach = reach + 2.0 * np.pi * np.round(around / (2.0 * np.pi))
+    turned = held(yaw, reach, weight @ yaw / weight.sum())
+    turned = gaussian_filter1d(turned, _STEADY, mode="nearest")
     flat = pivot(turned, stands, corners)
     share = weight[:, None] * stands
     center = np.einsum("tc,tci->i", share, sole[..., :2] - flat) / share.sum()
     return np.concatenate([flat + center, np.zeros((*flat.shape[:2], 1))], axis=-1)
+
+
+def held(yaw: Array, reach: Array, at: float) -> Array:
+    """(T,) headings of a foot that turns no more than it has to.
+
+    Args:
+        yaw: (T,) what they keep to within TURNS [rad].
+        reach: (T, 2) least and greatest that the leg can give it, which goes before [rad].
+        at: The first one, where it is near enough [rad].
+    """
+    low, high = np.minimum(reach[:, 0], yaw), np.maximum(reach[:, 1], yaw)
+    least, most = np.clip(np.stack([yaw - TURNS, yaw + TURNS]), low, high)
+    kept = np.empty_like(yaw)
+    for t in range(len(yaw)):
+        at = min(max(at, least[t]), most[t])
+        kept[t] = at
+    return kept
 
 
 def heading(sole: Array) -> Array:

@@ -33,6 +33,9 @@ SHORTEST_LEG = 0.05
 """Of a human, from hip to ankle, that there is any sense in scaling [m]."""
 
 
+_TURN_MARGIN = 0.1  # kept from the limits of the hips' yaw [rad]
+
+
 class Proportions(NamedTuple):
     """The robot's measures that stand in for the human's.
 
@@ -44,6 +47,8 @@ class Proportions(NamedTuple):
         ankle: Height of the ankle above a flat sole [m].
         toe: (3,) toe keypoint in the ankle's frame [m].
         corners: (2, 4, 3) sole corners from the ankle keypoints, in the frame of the foot [m].
+        turnable: (2, 2) how far the hips turn the feet from the pelvis' heading, the other
+            joints at zero, rightwards and leftwards [rad].
     """
 
     keypoints: tuple[str, ...]
@@ -56,6 +61,7 @@ class Proportions(NamedTuple):
     ankle: float
     toe: Array
     corners: Array
+    turnable: Array
 
 
 class Targets(NamedTuple):
@@ -67,7 +73,7 @@ class Targets(NamedTuple):
         directions: (T, D, 3) where the :data:`DIRECTIONS` should point.
         pelvis: (T, 3, 3) orientation of the human pelvis.
         contact: (T, 2, 4) which sole corners stand.
-        anchor: (T, 2, 4, 3) where they stand; fixed in each phase of contact [m].
+        anchor: (T, 2, 4, 3) where they stand; in each phase of contact fixed, but for a pivot [m].
         support: (T, M, 3) support polygon as half planes (n_x, n_y, b), padded with zeros.
     """
 
@@ -107,7 +113,14 @@ def proportions(robot: Robot) -> Proportions:
         ankle=-float(corners[0, 0, 2]),
         toe=bodies["left_foot"][1] - bodies["left_ankle"][1],
         corners=corners,
+        turnable=_turnable(robot),
     )
+
+
+def _turnable(robot: Robot) -> Array:
+    hips = [robot.joint_names.index(f"{side}_HIP_Y") for side in ("L", "R")]
+    least, most = robot.position_limits
+    return np.stack([least[hips] + _TURN_MARGIN, most[hips] - _TURN_MARGIN], axis=1)
 
 
 def make_targets(
@@ -178,7 +191,10 @@ def make_targets(
     )
     shift = _root_correction(time, soles, ends)
     keypoints = np.stack([key[name] for name in body.keypoints], axis=1) + shift[:, None]
-    contact, anchor = footholds(soles + shift[:, None, None], ends, body.corners)
+    facing = np.unwrap(np.arctan2(-pelvis[:, 0, 1], pelvis[:, 1, 1]))
+    contact, anchor = footholds(
+        soles + shift[:, None, None], ends, body.corners, facing, body.turnable
+    )
     return Targets(
         time=time,
         keypoints=keypoints,

@@ -16,6 +16,7 @@ from robomirror_drake.optimization.reference_trajectory import (
 )
 from robomirror_drake.optimization.stance import Stance, update_stance
 from robomirror_drake.optimization.step_adjustment import adjusted_steps
+from robomirror_drake.optimization.whole_body_collision import apart_rows
 from robomirror_drake.optimization.whole_body_qp import (
     QP,
     Solution,
@@ -52,6 +53,21 @@ class Tick(NamedTuple):
 def scratch(robot: ControlModel) -> Scratch:
     """Scratch memory for a robot."""
     return Scratch(robot.model.createData(), robot.model.createData())
+
+
+def predicted(
+    robot: ControlModel, q: Array, v: Array, a: Array, delay: float
+) -> tuple[Array, Array]:
+    """Positions and velocities after a delay at constant acceleration.
+
+    Args:
+        robot: The model.
+        q, v, a: (30,), (29,), (29,) now, Pinocchio's order.
+        delay: Time from now [s].
+    """
+    if delay == 0.0:
+        return q, v
+    return pin.integrate(robot.model, q, delay * (v + 0.5 * delay * a)), v + delay * a
 
 
 def control_problem(
@@ -112,7 +128,8 @@ def control_problem(
     if preview is not None:
         motion = steered(preview, time, targets.motion, terms.motion)
         targets = targets._replace(motion=motion)
-    return Tick(build_qp(robot, terms, targets, tuned), stance, wanted.load > 0.0)
+    apart = apart_rows(robot.collision, memory.robot, terms.rates, tuned.options.collision)
+    return Tick(build_qp(robot, terms, targets, tuned, apart), stance, wanted.load > 0.0)
 
 
 def solve_with_retry(qp: QP, solver: Solver) -> Solution:

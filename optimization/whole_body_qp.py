@@ -28,6 +28,7 @@ from scipy.sparse import csc_matrix, identity
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.dynamics_terms import ControlModel, DynamicsTerms, TaskMotion
 from robomirror_drake.optimization.step_adjustment import StepOptions
+from robomirror_drake.optimization.whole_body_collision import ApartRows, CollisionOptions
 from robomirror_drake.optimization.whole_body_kernels import (
     contact_generators,
     cost,
@@ -54,7 +55,7 @@ class TaskGains(_Options):
 class PostureWeights(_Options):
     """Weights of the joints' own tracking, w in (w · residual)²."""
 
-    leg: float = Field(0.3, ge=0.0)
+    leg: float = Field(1.0, ge=0.0)
     waist: float = Field(0.5, ge=0.0)
     arm: float = Field(1.0, ge=0.0)
 
@@ -83,15 +84,20 @@ class WholeBodyOptions(_Options):
     corner_force: float = Field(1000.0, gt=0.0, description="most normal force of a corner [N]")
     contact_ramp: float = Field(0.03, gt=0.0, description="time to take up the load [s]")
     limit_horizon: float = Field(0.03, gt=0.0, description="look-ahead of the joint limits [s]")
+    min_knee: float = Field(
+        0.22, ge=0.0, le=1.0, description="least knee angle: a straight leg is stuck [rad]"
+    )
     step: StepOptions = StepOptions()
     acceleration_limit: float = Field(3000.0, gt=0.0, description="[rad/s²]")
+    collision: CollisionOptions = CollisionOptions()
 
 
 class QP(NamedTuple):
     """``min ½ xᵀPx + qᵀx  s.t.  Gx ≤ h, lb ≤ x ≤ ub`` over x = (a_j, λ), and the way back.
 
     Attributes:
-        P, q, G, h, lb, ub: As above; G stacks the upper and the lower torque limits.
+        P, q, G, h, lb, ub: As above; G stacks the upper and the lower torque limits, and
+            below them what keeps links apart.
         N, n: (29, x), (29,) the generalised accelerations are N x + n.
         S, s: (23, x), (23,) the joint torques are S x + s.
         W: (2, 6, g) wrench of each generator at 1 about each sole's centre, [force, moment].
@@ -138,7 +144,7 @@ class Solution(NamedTuple):
     Attributes:
         found: Whether the solver found a finite optimum.
         x: The optimum (a_j, λ); zeros if there is none.
-        z: (46,) multipliers of G, none negative.
+        z: (46 + k,) multipliers of G, none negative.
         z_box: (x,) multipliers of the bounds: positive at the upper, negative at the lower.
         problem: The QP.
     """
@@ -180,7 +186,13 @@ def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
     return Tuning(options, gains, np.array([weights[limb] for limb in robot.limbs]))
 
 
-def build_qp(robot: ControlModel, terms: DynamicsTerms, targets: Targets, tuned: Tuning) -> QP:
+def build_qp(
+    robot: ControlModel,
+    terms: DynamicsTerms,
+    targets: Targets,
+    tuned: Tuning,
+    apart: ApartRows | None = None,
+) -> QP:
     """The QP at a state.
 
     Args:
@@ -188,6 +200,7 @@ def build_qp(robot: ControlModel, terms: DynamicsTerms, targets: Targets, tuned:
         terms: Its dynamics at the state.
         targets: What is asked for.
         tuned: Weights and gains.
+        apart: Bounds that keep links apart; None if there are none.
     """
     options, motion, wanted = tuned.options, terms.motion, targets.motion
     W, cap = contact_generators(
@@ -228,16 +241,21 @@ def build_qp(robot: ControlModel, terms: DynamicsTerms, targets: Targets, tuned:
     low, high = joint_bounds(
         terms.joints,
         terms.rates,
-        robot.lower,
+        np.where(robot.knees, np.maximum(robot.lower, options.min_knee), robot.lower),
         robot.upper,
         options.limit_horizon,
         options.acceleration_limit,
     )
+    G, h = np.concatenate([S, -S]), np.concatenate([robot.effort - s, robot.effort + s])
+    if apart is not None and apart.b.size:
+        keep = np.zeros((apart.b.size, q.size))
+        keep[:, : low.size] = -apart.A
+        G, h = np.concatenate([G, keep]), np.concatenate([h, -apart.b])
     return QP(
         P=P,
         q=q,
-        G=np.concatenate([S, -S]),
-        h=np.concatenate([robot.effort - s, robot.effort + s]),
+        G=G,
+        h=h,
         lb=np.concatenate([low, np.zeros_like(cap)]),
         ub=np.concatenate([high, cap]),
         N=N,
@@ -261,10 +279,10 @@ _TOLERANCES: dict[str, dict[str, Any]] = {
     "proxqp": {"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 1000},
     "quadprog": {},
     "piqp": {
-        "eps_abs": 1e-9,
-        "eps_rel": 1e-10,
-        "eps_duality_gap_abs": 1e-9,
-        "eps_duality_gap_rel": 1e-10,
+        "eps_abs": 1e-11,
+        "eps_rel": 1e-12,
+        "eps_duality_gap_abs": 1e-11,
+        "eps_duality_gap_rel": 1e-12,
     },
 }
 """At these every solver's torques are within 0.1 N·m of the optimum's, or it gives up: OSQP
@@ -356,7 +374,7 @@ def without_joint_limits(qp: QP) -> QP:
     joints = qp.s.size
     lb, ub = qp.lb.copy(), qp.ub.copy()
     lb[:joints], ub[:joints] = -np.inf, np.inf
-    return qp._replace(lb=lb, ub=ub)
+    return qp._replace(G=qp.G[: 2 * joints], h=qp.h[: 2 * joints], lb=lb, ub=ub)
 
 
 def torque_from(solution: Solution) -> Array:

@@ -29,6 +29,7 @@ from robomirror_drake.optimization.stance import Stance, initial_stance
 from robomirror_drake.optimization.whole_body_control import (
     Tick,
     control_problem,
+    predicted,
     scratch,
     solve_with_retry,
 )
@@ -41,6 +42,7 @@ from robomirror_drake.optimization.whole_body_diagnostics import (
 )
 from robomirror_drake.optimization.whole_body_qp import (
     WholeBodyOptions,
+    acceleration_from,
     torque_from,
     tuning,
 )
@@ -58,6 +60,13 @@ class ControllerOptions(BaseModel):
 
     period: float = Field(0.004, gt=0.0, description="of the control loop [s]")
     start: float = Field(0.0, description="time at which the reference begins [s]")
+    delay: float = Field(
+        0.004,
+        ge=0.0,
+        le=0.1,
+        description="from a measurement to the torque's effect, as far as it is known: control is"
+        " for the state predicted over it [s]",
+    )
     qp: WholeBodyOptions = WholeBodyOptions()
     preview: Literal["lqr", "none"] = Field(
         "lqr",
@@ -76,6 +85,7 @@ class _State(NamedTuple):
 
     torque: Array
     diagnostics: Diagnostics
+    acceleration: Array
     stance: Stance
 
 
@@ -95,7 +105,8 @@ class WholeBodyController(LeafSystem):
             elements' names are in the attribute ``diagnostics_names``.
         ``reference_state`` (59): the reference at the Context's time, Drake order.
 
-    All state is discrete state of the Context: torque, diagnostics, stance. Where the QP
+    All state is discrete state of the Context: torque, diagnostics, accelerations that the
+    last solution meant, stance. Where the QP
     has no solution, it is tried again without joint limits; if that fails too, the last
     torque is held for ``patience`` ticks, then joints are damped. A state that is not
     finite, or absurd, counts as a failure, with no torque after that. The first tick is
@@ -136,8 +147,8 @@ class WholeBodyController(LeafSystem):
         )
         self.diagnostics_names = names(robot.joint_names)
         size = len(self.diagnostics_names)
-        self._split = np.array([joints, joints + size])
-        nothing_yet = np.zeros(joints + size)
+        self._split = np.cumsum([joints, size, nv])
+        nothing_yet = np.zeros(self._split[-1])
         state = self.DeclareDiscreteState(np.append(nothing_yet, initial_stance().pack()))
         prerequisites = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort("torque", joints, self._calc_torque, prerequisites)
@@ -178,8 +189,8 @@ class WholeBodyController(LeafSystem):
         return preview
 
     def _unpack(self, vector: Array) -> _State:
-        torque, diagnostics, stance = np.split(vector, self._split)
-        return _State(torque, unpack(diagnostics), Stance.unpack(stance))
+        torque, diagnostics, acceleration, stance = np.split(vector, self._split)
+        return _State(torque, unpack(diagnostics), acceleration, Stance.unpack(stance))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         last = self._unpack(context.get_discrete_state_vector().value())
@@ -190,13 +201,13 @@ class WholeBodyController(LeafSystem):
         state = self._state_port.Eval(context)
         rates = state[-self._model.effort.size :]
         if np.abs(state).max() < ABSURD:  # not so for NaN either
-            tick = self._problem(context, state, last.stance)
+            tick = self._problem(context, state, last)
             stance = tick.stance
             solution = solve_with_retry(tick.qp, self._options.qp.solver)
         else:
             solution, stance, rates = None, last.stance, np.zeros_like(rates)
         if solution is not None and solution.found:
-            torque = torque_from(solution)
+            torque, acceleration = torque_from(solution), acceleration_from(solution)
             diagnostics = diagnose(
                 tick.qp, solution, tick.scheduled, stance, self._model, self._options.qp.friction
             )
@@ -204,23 +215,31 @@ class WholeBodyController(LeafSystem):
             diagnostics = nothing(rates.size, float(last.diagnostics.qp_failures) + 1.0)
             hold = diagnostics.qp_failures <= self._options.patience
             torque = last.torque if hold else -self._options.failure_damping * rates
+            acceleration = np.zeros_like(last.acceleration)
         torque = np.clip(torque, -self._model.effort, self._model.effort)
         discrete_state.get_mutable_vector().SetFromVector(
-            np.concatenate([torque, diagnostics.pack(), stance.pack()])
+            np.concatenate([torque, diagnostics.pack(), acceleration, stance.pack()])
         )
 
-    def _problem(self, context: Context, state: Array, stance: Stance) -> Tick:
+    def _problem(self, context: Context, state: Array, last: _State) -> Tick:
         options, nq, port = self._options, self._robot.model.nq, self._force_port
         force = port.Eval(context).reshape(2, 3) if port.HasValue(context) else None
+        q, v = predicted(
+            self._model,
+            self._robot.to_pinocchio(state[:nq]),
+            self._robot.v_to_pinocchio(state[:nq], state[nq:]),
+            last.acceleration,
+            options.delay,
+        )
         return control_problem(
             self._model,
             self._scratch.Eval(context),
             self._tuning,
-            self._robot.to_pinocchio(state[:nq]),
-            self._robot.v_to_pinocchio(state[:nq], state[nq:]),
+            q,
+            v,
             self._trajectory_of(context),
-            context.get_time() - options.start,
-            stance,
+            context.get_time() - options.start + options.delay,
+            last.stance,
             options.period,
             force,
             self._preview_of(context),

@@ -21,7 +21,13 @@ from robomirror_drake.optimization.retarget import (
     scale_motion,
     window_of,
 )
-from robomirror_drake.optimization.retarget_footholds import footholds, let_go, phases
+from robomirror_drake.optimization.retarget_footholds import (
+    TURNS,
+    footholds,
+    heading,
+    let_go,
+    phases,
+)
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()
@@ -140,7 +146,8 @@ def test_a_sliding_foot_lets_go_between_footholds():
     slide = np.interp(np.arange(60), [25, 35], [0.0, 0.3])
     soles = corners + np.zeros((60, 2, 4, 3))
     soles[:, 0, :, 0] += slide[:, None]
-    contact, anchor = footholds(soles, np.ones((60, 2, 4), dtype=bool), corners)
+    ends = np.ones((60, 2, 4), dtype=bool)
+    contact, anchor = footholds(soles, ends, corners, np.zeros(60), np.zeros((2, 2)))
     assert contact[:, 1].all()
     assert len(phases(contact[:, 0].any(axis=1))) > 1
     np.testing.assert_allclose(anchor[0, 0], corners[0], atol=0.03)
@@ -157,7 +164,10 @@ def test_a_pivoting_foot_turns_on_the_spot():
     soles[:, 0] = (corners[0] - toe) @ turn.swapaxes(1, 2) + toe
     ends = np.ones((80, 2, 4), dtype=bool)
     ends[:, 0, 2:] = False
-    contact, anchor = footholds(soles, ends, corners)
+    stiff, agile = np.zeros((2, 2)), np.tile([-2.0, 2.0], (2, 1))
+    _, anchor = footholds(soles, ends, corners, yaw, agile)
+    assert np.ptp(heading(anchor[:, 0])) == pytest.approx(1.5 - 2 * TURNS, abs=0.02)
+    contact, anchor = footholds(soles, ends, corners, yaw, stiff)
     assert contact.all()  # its heel hangs low
     assert np.ptp(anchor[:, 0, :2].mean(axis=1), axis=0).max() < 1e-9
     np.testing.assert_allclose(anchor[:, 0, :2], soles[:, 0, :2], atol=0.01)
