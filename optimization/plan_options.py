@@ -25,7 +25,7 @@ class PlanOptions(BaseModel):
     )
     friction: float = Field(0.35, gt=0.0, le=2.0, description="friction coefficient planned with")
     cop_margin: float = Field(
-        0.025, ge=0.0, le=0.1, description="distance of the centre of pressure from the edge [m]"
+        0.06, ge=0.0, le=0.1, description="distance of the centre of pressure from the edge [m]"
     )
     max_normal_force: float = Field(2.5, gt=1.0, description="normal force [body weights]")
     clearance: float = Field(0.03, ge=0.0, le=0.2, description="of soles in mid-swing [m]")

@@ -47,8 +47,9 @@ def test_a_push_goes_where_the_robot_sees_it_go(robot: Robot) -> None:
     turned = _standing(robot, 20, yaw=np.pi / 2)
     scenario = Scenario(command="a walk")
     hard = bench_pushes.execute((turned, scenario, 2.0, "left", 0.0, 0.1))
-    assert hard.q[-1, 4] - turned.q[0, 4] < -0.3
-    assert abs(hard.q[-1, 5] - turned.q[0, 5]) < 0.3
+    x, y = hard.q[30, 4:6] - turned.q[0, 4:6]  # before its steps lead it elsewhere
+    assert x < -0.2
+    assert abs(y) < 0.1
 
 
 def test_table_tells_every_push() -> None:

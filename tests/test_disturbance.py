@@ -21,6 +21,7 @@ from robomirror_drake.disturbance_draw import (
     start_error,
     stream_rng,
 )
+from robomirror_drake.systems.whole_body_controller import ControllerOptions
 from robomirror_drake.yaml_file import to_yaml
 
 
@@ -54,7 +55,10 @@ def test_the_moderate_scenario_is_as_stated():
     moderate = load_scenario("moderate")
     noise = moderate.simulation.disturbance.sensors
     assert (noise.joint_position, noise.joint_velocity, noise.orientation) == (0.002, 0.05, 0.01)
-    nothing = {"disturbance": DisturbanceOptions()}
+    latency = moderate.simulation.disturbance.actuators.latency
+    default = ControllerOptions()
+    assert moderate.simulation.controller.delay == pytest.approx(default.delay + latency[0])
+    nothing = {"disturbance": DisturbanceOptions(), "controller": default}
     calm = moderate.model_copy(
         update={"simulation": moderate.simulation.model_copy(update=nothing)}
     )

@@ -124,5 +124,5 @@ def test_a_real_jump_needs_no_more_torque_than_there_is() -> None:
     torque = np.abs(torques_at(plan, 200.0)) / ROBOT.effort_limits
     assert torque.max() < 1.0
     assert np.mean(torque > 0.8) < 4e-3
-    assert plan.residuals["distance_to_raw"] < 0.10
+    assert plan.residuals["distance_to_raw"] < 0.11
     assert plan.residuals["self_penetration"] < 1e-3
