@@ -23,13 +23,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.linalg import solve_discrete_are
 
 from robomirror_drake.messages import Array, BoolArray, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY, cross_matrix
+from robomirror_drake.optimization.centroidal_motion import CentroidalMotion, centroidal_motion
 from robomirror_drake.optimization.dynamics_terms import TaskMotion
 from robomirror_drake.optimization.plan_contacts import ConeOptions, wrench_cones
 from robomirror_drake.robot import Robot
@@ -47,22 +47,6 @@ class PreviewOptions(BaseModel):
     velocity: float = Field(0.15, gt=0.0, description="of the centre of mass [m/s]")
     angular_momentum: float = Field(6.0, gt=0.0, description="[N·m·s]")
     max_normal_force: float = Field(3.0, gt=1.0, description="normal force [body weights]")
-
-
-class CentroidalMotion(NamedTuple):
-    """A motion as the centre of mass sees it.
-
-    Attributes:
-        com: (T, 3) [m].
-        force: (T, 3) sum of the contact forces [N].
-        moment: (T, 3) their moment about the world's origin [N·m].
-        corners: (T, 2, 4, 3) of the soles, in world [m].
-    """
-
-    com: Array
-    force: Array
-    moment: Array
-    corners: Array
 
 
 class Preview(NamedTuple):
@@ -92,7 +76,7 @@ def preview_gains(
         friction: Coefficient that the contact forces keep to.
         options: See :class:`PreviewOptions`.
     """
-    motion = centroidal_motion(robot, reference)
+    motion = centroidal_motion(robot, reference.q, reference.v, reference.a)
     weight = robot.mass * GRAVITY
     cone = ConeOptions(friction, 0.0, options.max_normal_force, weight)
     R = wrench_cost(motion, reference.contact, cone)
@@ -129,27 +113,6 @@ def steered(preview: Preview, time: float, wanted: TaskMotion, actual: TaskMotio
     return wanted._replace(com=com, angular=np.stack([actual.angular[0], rate]))
 
 
-def centroidal_motion(robot: Robot, reference: RobotReference) -> CentroidalMotion:
-    """Centre of mass, contact wrench and sole corners of a reference, by its kinematics."""
-    model, count = robot.model, len(reference.time)
-    data = model.createData()
-    q = robot.to_pinocchio(reference.q)
-    v = robot.v_to_pinocchio(reference.q, reference.v)
-    a = robot.a_to_pinocchio(reference.q, reference.v, reference.a)
-    com, rate = np.empty((count, 3)), np.empty((count, 6))
-    turn, place = np.empty((count, 2, 3, 3)), np.empty((count, 2, 3))
-    # The loop does nothing but call Pinocchio and copy what it returns.
-    for t in range(count):
-        pin.computeCentroidalMomentumTimeVariation(model, data, q[t], v[t], a[t])
-        pin.updateFramePlacements(model, data)
-        com[t], rate[t] = data.com[0], data.dhg.vector
-        for foot, frame in enumerate(robot.foot_frames):
-            turn[t, foot], place[t, foot] = data.oMf[frame].rotation, data.oMf[frame].translation
-    force = rate[:, :3] + np.array([0.0, 0.0, robot.mass * GRAVITY])
-    corners = place[:, :, None] + robot.sole_corners @ np.swapaxes(turn, -1, -2)
-    return CentroidalMotion(com, force, np.cross(com, force) + rate[:, 3:], corners)
-
-
 def centroidal_model(force: Array, step: Array, mass: float) -> tuple[Array, Array]:
     """Discrete-time model of the deviations, exact for a force that is constant over a step.
 
@@ -183,8 +146,7 @@ def wrench_cost(motion: CentroidalMotion, loaded: BoolArray, cone: ConeOptions) 
     """
     # Rounded to millimetres, so that there are few different cones while a foot stands.
     cones = wrench_cones(motion.corners.round(3), loaded, cone)
-    wrench = np.concatenate([motion.moment, motion.force], axis=1)
-    y = np.einsum("trw,tw->tr", cones.rows, wrench)
+    y = np.einsum("trw,tw->tr", cones.rows, motion.wrench)
     slack = np.maximum(np.minimum(y - cones.lower, cones.upper - y), LEAST_SLACK)
     about_com = np.broadcast_to(np.eye(6), (len(y), 6, 6)).copy()
     about_com[:, :3, 3:] = cross_matrix(motion.com)  # u's moment, taken to the world's origin

@@ -22,9 +22,10 @@ import numpy as np
 
 from robomirror_drake.disturbance import DisturbanceOptions, Push
 from robomirror_drake.disturbance_draw import draw, random_push
-from robomirror_drake.fall_signs import Motion, Sign, motion_of, signs
+from robomirror_drake.fall_signs import Sign, signs
 from robomirror_drake.messages import Array, Execution, Outcome, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
+from robomirror_drake.optimization.centroidal_motion import CentroidalMotion, centroidal_motion
 from robomirror_drake.optimization.plan_schedule import runs
 from robomirror_drake.outcome import LOADED_FORCE, evaluate, find_fall, until_fall
 from robomirror_drake.robot import FEET, Robot
@@ -86,10 +87,10 @@ def explain_fall(
     limit = robot.effort_limits if effort_limit is None else effort_limit
     row = np.searchsorted(reference.time, execution.time + 1e-9, side="right") - 1
     moving = (execution.time <= reference.duration)[:, None]
-    told = motion_of(
+    told = centroidal_motion(
         robot, execution.q_ref, execution.v_ref, np.where(moving, reference.a[row], 0.0)
     )
-    done = motion_of(robot, execution.q, execution.v)
+    done = centroidal_motion(robot, execution.q, execution.v)
     begin = divergence(execution, told, done)
     seen = signs(robot, execution, reference, told, done, friction, limit)
     pushed = _pushed(execution.time, pushes, robot.mass)
@@ -103,7 +104,7 @@ def explain_fall(
     )
 
 
-def divergence(execution: Execution, told: Motion, done: Motion) -> int:
+def divergence(execution: Execution, told: CentroidalMotion, done: CentroidalMotion) -> int:
     """The sample from which on the capture point stays away from the reference's, until the fall.
 
     The reference is moved to where the robot's loaded feet stand, as the controller does.
@@ -116,7 +117,7 @@ def divergence(execution: Execution, told: Motion, done: Motion) -> int:
     return min(int(near[-1]) + 1 if len(near) else 0, len(away) - 1)
 
 
-def _feet_offset(execution: Execution, told: Motion, done: Motion) -> Array:
+def _feet_offset(execution: Execution, told: CentroidalMotion, done: CentroidalMotion) -> Array:
     """(N, 2) way from the reference's loaded feet to the robot's, smoothed [m]."""
     apart = (done.corners - told.corners).mean(axis=2)[..., :2]
     load = np.maximum(execution.foot_force[..., 2], 0.0)

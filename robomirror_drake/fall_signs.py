@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from robomirror_drake.messages import Array, BoolArray, Execution, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
+from robomirror_drake.optimization.centroidal_motion import CentroidalMotion
 from robomirror_drake.optimization.dynamics_terms import control_model
 from robomirror_drake.optimization.plan_contacts import ConeOptions, outside, wrench_cones
 from robomirror_drake.outcome import LOADED_FORCE, SATURATED
@@ -55,60 +55,12 @@ class Sign(NamedTuple):
     evidence: Callable[[int, int], str]
 
 
-class Motion(NamedTuple):
-    """How a robot moves: what is told, or what is done.
-
-    Attributes:
-        com: (N, 3) centre of mass [m].
-        com_velocity: (N, 3) [m/s].
-        corners: (N, 2, 4, 3) of the soles, in world [m].
-        corner_velocity: (N, 2, 4, 3) [m/s].
-        wrench: (N, 6) that the ground has to give, about the world's origin,
-            [moment N·m, force N]; of no meaning without accelerations.
-    """
-
-    com: Array
-    com_velocity: Array
-    corners: Array
-    corner_velocity: Array
-    wrench: Array
-
-
-def motion_of(robot: Robot, q: Array, v: Array, a: Array | None = None) -> Motion:
-    """The motion of (N, 30), (N, 29), (N, 29) positions, velocities, accelerations."""
-    a = np.zeros_like(v) if a is None else a
-    q_pin, v_pin = robot.to_pinocchio(q), robot.v_to_pinocchio(q, v)
-    a_pin = robot.a_to_pinocchio(q, v, a)
-    model, data, n = robot.model, robot.model.createData(), len(q)
-    com, momentum, rate = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 6))
-    R, p, twist = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3)), np.empty((n, 2, 6))
-    # The loop does nothing but call Pinocchio and copy what it returns.
-    for k in range(n):
-        pin.computeCentroidalMomentumTimeVariation(model, data, q_pin[k], v_pin[k], a_pin[k])
-        com[k], momentum[k], rate[k] = data.com[0], data.hg.linear, data.dhg.np
-        for foot, frame in enumerate(robot.foot_frames):
-            placement = pin.updateFramePlacement(model, data, frame)
-            R[k, foot], p[k, foot] = placement.rotation, placement.translation
-            twist[k, foot] = pin.getFrameVelocity(
-                model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            ).np
-    arm = robot.sole_corners @ np.swapaxes(R, -1, -2)
-    force = rate[:, :3] + np.array([0.0, 0.0, robot.mass * GRAVITY])
-    return Motion(
-        com=com,
-        com_velocity=momentum / robot.mass,
-        corners=p[:, :, None] + arm,
-        corner_velocity=twist[:, :, None, :3] + np.cross(twist[:, :, None, 3:], arm),
-        wrench=np.concatenate([np.cross(com, force) + rate[:, 3:], force], axis=1),
-    )
-
-
 def signs(
     robot: Robot,
     execution: Execution,
     reference: RobotReference,
-    told: Motion,
-    done: Motion,
+    told: CentroidalMotion,
+    done: CentroidalMotion,
     friction: float,
     effort_limit: Array,
 ) -> Iterator[Sign]:
@@ -145,7 +97,9 @@ def _span(execution: Execution, start: int, end: int) -> str:
     return f"for {(end - start) * np.diff(execution.time[:2])[0]:.2f} s"
 
 
-def _wrong_labels(execution: Execution, told: Motion, scheduled: BoolArray) -> Iterator[Sign]:
+def _wrong_labels(
+    execution: Execution, told: CentroidalMotion, scheduled: BoolArray
+) -> Iterator[Sign]:
     height = told.corners[..., 2].min(axis=2)
     resting = (_resting(told).all(axis=2)) & ~scheduled
     for foot, name in enumerate(FEET):
@@ -168,13 +122,13 @@ def _wrong_labels(execution: Execution, told: Motion, scheduled: BoolArray) -> I
         yield Sign("contact_mismatch", resting[:, foot], 0.12, standing)
 
 
-def _resting(told: Motion) -> BoolArray:
+def _resting(told: CentroidalMotion) -> BoolArray:
     """(N, 2, 4) which corners the reference itself keeps on the ground, whatever its schedule."""
     low = told.corners[..., 2] < LIFTED / 2
     return np.asarray(low & (np.linalg.norm(told.corner_velocity, axis=-1) < SLIDING))
 
 
-def _infeasible(robot: Robot, execution: Execution, told: Motion) -> Iterator[Sign]:
+def _infeasible(robot: Robot, execution: Execution, told: CentroidalMotion) -> Iterator[Sign]:
     mu, weight = robot.spec.contact.friction, robot.mass * GRAVITY
     # What the schedule forgets may still bear: wrong labels are a fault of their own.
     loaded = execution.contact_ref | _resting(told)
@@ -237,7 +191,7 @@ def _contact_mismatch(
         yield Sign("contact_mismatch", ~scheduled[:, foot] & bears, 0.08, early)
 
 
-def _slips(execution: Execution, done: Motion, friction: float) -> Iterator[Sign]:
+def _slips(execution: Execution, done: CentroidalMotion, friction: float) -> Iterator[Sign]:
     speed = np.linalg.norm(done.corner_velocity[..., :2], axis=-1).min(axis=2)
     force = execution.foot_force
     loaded = force[..., 2] > LOADED_FORCE

@@ -11,13 +11,13 @@ from scipy.linalg import solve_discrete_are
 
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
+from robomirror_drake.optimization.centroidal_motion import centroidal_motion
 from robomirror_drake.optimization.dynamics_terms import control_model, task_motion
 from robomirror_drake.optimization.plan_contacts import ConeOptions, wrench_cones
 from robomirror_drake.optimization.preview import (
     Preview,
     PreviewOptions,
     centroidal_model,
-    centroidal_motion,
     preview_gains,
     riccati,
     steered,
@@ -94,7 +94,7 @@ def test_standing_gains_are_those_of_the_algebraic_riccati_equation(
 ) -> None:
     made = preview_gains(robot, both_feet, FRICTION, OPTIONS)
     np.testing.assert_allclose(made.gain[0], made.gain[-1], rtol=1e-6, atol=1e-6)
-    motion = centroidal_motion(robot, both_feet)
+    motion = centroidal_motion(robot, both_feet.q, both_feet.v, both_feet.a)
     cone = ConeOptions(FRICTION, 0.0, OPTIONS.max_normal_force, robot.mass * GRAVITY)
     R = STEP * wrench_cost(motion, both_feet.contact, cone)[0]
     Q = STEP * np.diag(np.repeat([0.05, 0.15, 6.0], 3) ** -2.0)
@@ -127,7 +127,7 @@ def test_gains_minimise_the_cost() -> None:
 
 
 def test_wrenches_that_cost_less_than_one_are_possible(robot: Robot, stand: RobotReference) -> None:
-    motion = centroidal_motion(robot, stand)
+    motion = centroidal_motion(robot, stand.q, stand.v, stand.a)
     # Over the left foot, where the wrench of standing is inside its cone with room to spare.
     motion.com[:, :2] = motion.corners[0, 0, :, :2].mean(axis=0)
     motion = motion._replace(moment=np.cross(motion.com, motion.force))
