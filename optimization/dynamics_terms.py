@@ -78,7 +78,7 @@ def control_model(robot: Robot) -> ControlModel:
         effort=robot.effort_limits,
         lower=lower,
         upper=upper,
-        knees=np.array(["KNEE" in name for name in robot.joint_names]),
+        knees=robot.knees,
         limbs=_limbs(model, soles, trunk),
         mass=robot.mass,
         collision=CollisionModel.of(robot),

@@ -87,6 +87,24 @@ def gap_jacobians(capsules: CapsulePairs, at: Gaps, motion: Array, support: Bool
 
 
 @njit(cache=True)
+def pair_gap(ends, radius, a, b, normal, on_a, on_b):  # type: ignore[no-untyped-def]
+    """Distance of capsules a and b; what :class:`Gaps` has of them goes into the last three.
+
+    Args:
+        ends: (C, 2, 3) ends of all axes in world [m].
+        radius: (C,) [m].
+        a, b: Which two.
+        normal, on_a, on_b: (3,) each.
+    """
+    apart = closest_points(ends[a, 0], ends[a, 1], ends[b, 0], ends[b, 1], on_a, on_b)
+    way = on_a - on_b
+    if apart < _MEETING:  # part the middles of axes that meet
+        way = ends[a, 0] + ends[a, 1] - ends[b, 0] - ends[b, 1]
+    normal[:] = way / (np.sqrt(np.sum(way**2)) + 1e-12)
+    return apart - radius[a] - radius[b]
+
+
+@njit(cache=True)
 def _gaps(ends, radius, pairs):  # type: ignore[no-untyped-def]
     T, M = len(ends), len(pairs)
     distance, normal = np.empty((T, M)), np.empty((T, M, 3))
@@ -94,11 +112,6 @@ def _gaps(ends, radius, pairs):  # type: ignore[no-untyped-def]
     for t in range(T):
         for m in range(M):
             a, b = pairs[m]
-            pa, pb = points[t, m, 0], points[t, m, 1]
-            gap = closest_points(ends[t, a, 0], ends[t, a, 1], ends[t, b, 0], ends[t, b, 1], pa, pb)
-            distance[t, m] = gap - radius[a] - radius[b]
-            way = pa - pb
-            if gap < _MEETING:  # part the middles of axes that meet
-                way = ends[t, a, 0] + ends[t, a, 1] - ends[t, b, 0] - ends[t, b, 1]
-            normal[t, m] = way / (np.sqrt(np.sum(way**2)) + 1e-12)
+            on_a, on_b = points[t, m, 0], points[t, m, 1]
+            distance[t, m] = pair_gap(ends[t], radius, a, b, normal[t, m], on_a, on_b)
     return distance, normal, points

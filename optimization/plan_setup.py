@@ -6,11 +6,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import Array, BoolArray, RobotReference
 from robomirror_drake.optimization import centroidal, spline
+from robomirror_drake.optimization.contact_schedule import picked_samples
 from robomirror_drake.optimization.plan_contacts import (
     anchors,
     clearance,
@@ -129,8 +129,7 @@ def limits(robot: Robot, options: PlanOptions) -> tuple[Array, Array]:
     """(30,), (30,) bounds of the configuration; the chart of the base has none."""
     free = np.full(7, np.inf)
     lower, upper = robot.position_limits
-    knees = np.array(["KNEE" in name for name in robot.joint_names])
-    lower = np.where(knees, np.maximum(lower, options.min_knee), lower)
+    lower = np.where(robot.knees, np.maximum(lower, options.min_knee), lower)
     return np.concatenate([-free, lower]), np.concatenate([free, upper])
 
 
@@ -139,18 +138,11 @@ def first_guess(padded: Padded, knots: Knots) -> Array:
     return spline.fit(knots.basis(padded.time), padded.q)
 
 
-def picked_frames(contact: BoolArray, stride: int) -> npt.NDArray[np.int64]:
-    """The frames a plan looks at: every ``stride``-th, the last, and both sides of a switch."""
-    last = len(contact) - 1
-    switches = np.flatnonzero((contact[1:] != contact[:-1]).any(axis=(1, 2)))
-    return np.unique(np.concatenate([np.arange(0, last, stride), [last], switches, switches + 1]))
-
-
 def problem(
     robot: Robot, padded: Padded, knots: Knots, options: PlanOptions
 ) -> tuple[Problem, Standing]:
     """The least-squares problem of a plan, and its contacts."""
-    picked = picked_frames(padded.contact, options.stride)
+    picked = picked_samples(padded.contact, options.stride)
     time = padded.time[picked]
     free = knots.free(time)
     fitted = spline.fit(knots.free(padded.time), padded.q)

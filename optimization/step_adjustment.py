@@ -40,9 +40,14 @@ class StepOptions(BaseModel):
     last: float = Field(0.05, ge=0.0, description="before touchdown the target stays [s]")
 
 
+def divergence_rate(height: float) -> float:
+    """ω of a pendulum whose mass is at a height [m], 0.1 m at least [1/s]."""
+    return float(np.sqrt(GRAVITY / max(height, 0.1)))
+
+
 def divergent_component(motion: TaskMotion) -> Array:
     """(2,) ξ = c + ċ/ω, horizontally [m]."""
-    omega = np.sqrt(GRAVITY / max(motion.com[0, 2], 0.1))
+    omega = divergence_rate(motion.com[0, 2])
     return np.asarray(motion.com[0, :2] + motion.com[1, :2] / omega)
 
 
@@ -58,7 +63,7 @@ def captured(error: Array, height: float, remaining: float, options: StepOptions
     size = float(np.linalg.norm(error))
     if size <= options.room:
         return np.zeros(2)
-    growth = np.exp(np.sqrt(GRAVITY / max(height, 0.1)) * remaining)
+    growth = np.exp(divergence_rate(height) * remaining)
     shift = min((size - options.room) * growth, options.longest)
     return np.asarray(error * (shift / size))
 

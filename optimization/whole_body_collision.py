@@ -12,8 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization import centroidal
-from robomirror_drake.optimization.kinematics import closest_points
-from robomirror_drake.optimization.plan_collision import CapsulePairs
+from robomirror_drake.optimization.plan_collision import CapsulePairs, pair_gap
 from robomirror_drake.robot import Robot
 
 
@@ -106,21 +105,19 @@ def _near(owner, ends, radius, pairs, R, p, J, support, influence):  # type: ign
         for side in range(2):
             world[c, side] = R[owner[c]] @ ends[c, side] + p[owner[c]]
     distance, A = np.empty(len(pairs)), np.zeros((len(pairs), joints))
-    on_a, on_b = np.empty(3), np.empty(3)
+    normal, on_a, on_b = np.empty(3), np.empty(3), np.empty(3)
+    linear, angular = J[:3, 6:], J[3:, 6:]
     count = 0
     for a, b in pairs:
-        apart = closest_points(world[a, 0], world[a, 1], world[b, 0], world[b, 1], on_a, on_b)
-        if apart - radius[a] - radius[b] >= influence:
+        gap = pair_gap(world, radius, a, b, normal, on_a, on_b)
+        if gap >= influence:
             continue
-        way = on_a - on_b
-        if apart < 1e-6:  # axes that meet have no normal: part their middles
-            way = world[a, 0] + world[a, 1] - world[b, 0] - world[b, 1]
-        normal = way / (np.sqrt(np.sum(way**2)) + 1e-12)
-        distance[count] = apart - radius[a] - radius[b]
-        for joint in range(joints):
-            for link, point, sign in ((owner[a], on_a, 1.0), (owner[b], on_b, -1.0)):
+        distance[count] = gap
+        for link, point, sign in ((owner[a], on_a, 1.0), (owner[b], on_b, -1.0)):
+            arm = np.cross(point, normal)
+            for joint in range(joints):
                 if support[link, 6 + joint]:
-                    linear, turn = J[:3, 6 + joint], J[3:, 6 + joint]
-                    A[count, joint] += sign * np.sum(normal * (linear + np.cross(turn, point)))
+                    along = np.sum(normal * linear[:, joint]) + np.sum(arm * angular[:, joint])
+                    A[count, joint] += sign * along
         count += 1
     return distance[:count], A[:count]

@@ -133,6 +133,6 @@ def control_problem(
 
 
 def solve_with_retry(qp: QP, solver: Solver) -> Solution:
-    """Solves the QP, without joint limits where it has no solution with them."""
+    """Solves the QP, or where it has no solution, the one without joint limits and links apart."""
     solution = solve_qp(qp, solver)
     return solution if solution.found else solve_qp(without_joint_limits(qp), solver)

@@ -163,11 +163,13 @@ class Tuning(NamedTuple):
         options: What it was made of.
         gains: (7, 3) weight, stiffness, damping of the tasks in the kernels' order.
         posture: (23,) weight of each joint's own tracking.
+        lower: (23,) joint limits that are kept to, with knees bent [rad].
     """
 
     options: WholeBodyOptions
     gains: Array
     posture: Array
+    lower: Array
 
 
 def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
@@ -183,7 +185,9 @@ def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
     )
     gains = np.array([[task.weight, task.stiffness, task.damping] for task in tasks])
     weights = options.posture.model_dump()
-    return Tuning(options, gains, np.array([weights[limb] for limb in robot.limbs]))
+    posture = np.array([weights[limb] for limb in robot.limbs])
+    bent = np.maximum(robot.lower, options.min_knee)
+    return Tuning(options, gains, posture, np.where(robot.knees, bent, robot.lower))
 
 
 def build_qp(
@@ -241,7 +245,7 @@ def build_qp(
     low, high = joint_bounds(
         terms.joints,
         terms.rates,
-        np.where(robot.knees, np.maximum(robot.lower, options.min_knee), robot.lower),
+        tuned.lower,
         robot.upper,
         options.limit_horizon,
         options.acceleration_limit,
@@ -366,10 +370,10 @@ def kkt_residual(solution: Solution) -> float:
 
 
 def without_joint_limits(qp: QP) -> QP:
-    """The same QP with accelerations unbounded, which always has a solution.
+    """The same QP with nothing but torque and force limits, which always has a solution.
 
-    Torque limits alone can be met by any contact force, joint limits too near for the
-    torque that is there cannot.
+    Torque limits alone can be met by any contact force; joint limits, or links, too near for
+    the torque that is there cannot.
     """
     joints = qp.s.size
     lb, ub = qp.lb.copy(), qp.ub.copy()

@@ -31,7 +31,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from robomirror_drake.exceptions import RobotModelError
-from robomirror_drake.messages import Array
+from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.robot_spec import RobotSpec, load_spec
 from robomirror_drake.urdf import cached_urdf
 
@@ -60,6 +60,11 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """The actuated joints, in order."""
         return tuple(self.spec.joints)
+
+    @cached_property
+    def knees(self) -> BoolArray:
+        """(23,) which joints are knees."""
+        return np.array(["KNEE" in name for name in self.joint_names])
 
     @cached_property
     def position_limits(self) -> tuple[Array, Array]:

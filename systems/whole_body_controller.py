@@ -106,11 +106,11 @@ class WholeBodyController(LeafSystem):
         ``reference_state`` (59): the reference at the Context's time, Drake order.
 
     All state is discrete state of the Context: torque, diagnostics, accelerations that the
-    last solution meant, stance. Where the QP
-    has no solution, it is tried again without joint limits; if that fails too, the last
-    torque is held for ``patience`` ticks, then joints are damped. A state that is not
-    finite, or absurd, counts as a failure, with no torque after that. The first tick is
-    at time 0 and reaches the plant one of its steps later.
+    last solution meant, stance. Where the QP has no solution, it is tried again without joint
+    limits and without keeping links apart; if that fails too, the last torque is held for
+    ``patience`` ticks, then joints are damped. A state that is not finite, or absurd, counts
+    as a failure, with no torque after that. The first tick is at time 0 and reaches the plant
+    one of its steps later.
     """
 
     def __init__(self, robot: Robot, options: ControllerOptions | None = None) -> None:
