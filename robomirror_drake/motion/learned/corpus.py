@@ -21,11 +21,12 @@ from robomirror_drake.motion.body import bone_lengths
 from robomirror_drake.motion.generate import GeneratorOptions, generate
 from robomirror_drake.motion.humanml_features import CONTACTS, FPS, to_features, with_lengths
 from robomirror_drake.motion.learned.dataset import MAX_FRAMES, MIN_FRAMES, SPLITS
-from robomirror_drake.motion.learned.wording import Command, draw_command, same_meaning
+from robomirror_drake.motion.learned.wording import draw_command
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.motion.recorded import neutral
 from robomirror_drake.motion.resample import resample, time_scale
 from robomirror_drake.motion.skeleton import INDEX, JOINTS
+from robomirror_drake.motion.text import Clause
 
 CLIP_CAPTIONS: dict[str, tuple[str, ...]] = {
     "walk": ("a person walks", "someone walks at a normal pace"),
@@ -118,12 +119,12 @@ def _material(
     options: CorpusOptions, rng: np.random.Generator, report: Callable[[int, int], None]
 ) -> Iterator[tuple[tuple[HumanMotion, ...], tuple[str, ...], bool]]:
     """Motions that share their captions, and whether they are a recording."""
-    known: list[Command] = []
+    known: set[tuple[Clause, ...]] = set()
     rejected = 0
     generator = GeneratorOptions(fps=FPS, diversity=options.diversity)
     while len(known) < options.commands and rejected < 50 * options.commands:
         command = draw_command(rng, options.captions)
-        if command is None or any(same_meaning(command, other) for other in known):
+        if command is None or command.meaning in known:
             rejected += 1
             continue
         seed = int(rng.integers(2**31))
@@ -131,7 +132,7 @@ def _material(
         if not motions:
             rejected += 1
             continue
-        known.append(command)
+        known.add(command.meaning)
         report(len(known), options.commands)
         yield motions, command.captions, False
     if options.clips:

@@ -101,7 +101,9 @@ def evaluate(
     rng = np.random.default_rng(options.seed)
     motions = load_split(data, "test")[: options.limit]
     commands = [" / ".join(sorted(set(motion.captions))) for motion in motions]
-    groups = {name: [i for i, c in enumerate(commands) if c == name] for name in commands}
+    groups: dict[str, list[int]] = {}
+    for i, name in enumerate(commands):
+        groups.setdefault(name, []).append(i)
     if len(groups) < metrics.POOL:
         raise InputError(f"the test split has {len(groups)} commands; {metrics.POOL} are needed")
     captions = [str(rng.choice(motion.captions)) for motion in motions]

@@ -32,6 +32,11 @@ class Command:
     clauses: tuple[Clause, ...]
     captions: tuple[str, ...]
 
+    @property
+    def meaning(self) -> tuple[Clause, ...]:
+        """What is asked for: equal where two commands ask for the same."""
+        return _key(self.clauses)
+
 
 def draw_command(rng: np.random.Generator, captions: int) -> Command | None:
     """A command drawn at random, in up to so many wordings; None where the draw makes no sense.
@@ -67,11 +72,6 @@ def draw_command(rng: np.random.Generator, captions: int) -> Command | None:
 def _key(clauses: tuple[Clause, ...]) -> tuple[Clause, ...]:
     """What is meant, whatever the words and however sure."""
     return tuple(replace(clause, text="", score=1.0) for clause in clauses)
-
-
-def same_meaning(a: Command, b: Command) -> bool:
-    """Whether two commands ask for the same."""
-    return _key(a.clauses) == _key(b.clauses)
 
 
 def _understood(sentence: str, chosen: list[Action]) -> tuple[Clause, ...] | None:
