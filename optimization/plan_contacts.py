@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from robomirror_drake.messages import Array, BoolArray
-from robomirror_drake.optimization.plan_schedule import runs
+from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.optimization.retarget_footholds import TURNS, heading
 
 ROWS = 16

@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization.contact_schedule import runs
 
 _SAME_PLACE = 0.05  # a foot that comes down nearer than this has not stepped [m]
 _FALLING = -5.0  # a body without contact that accelerates downwards more is in flight [m/s²],
 _OFF_GROUND = 0.03  # and so is one whose feet rise above this [m]
-
-
-def runs(active: BoolArray) -> list[tuple[int, int]]:
-    """Maximal runs [start, end) of True in ``active`` (T,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def steady(contact: BoolArray, corners: Array, fall: Array, shortest: int) -> BoolArray:

@@ -18,12 +18,13 @@ from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import Array, BoolArray, HumanMotion, RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.contact_schedule import picked_samples, runs
 from robomirror_drake.optimization.floating_base import Path, reference_rotation, sample
 from robomirror_drake.optimization.kinematics import body_poses, positions
-from robomirror_drake.optimization.retarget_footholds import heading, phases
+from robomirror_drake.optimization.retarget_footholds import heading
 from robomirror_drake.optimization.retarget_metrics import RobotTables, make_tables, residuals
 from robomirror_drake.optimization.retarget_options import RetargetOptions
-from robomirror_drake.optimization.retarget_problem import Problem, make_problem, picked_samples
+from robomirror_drake.optimization.retarget_problem import STRIDE, Problem, make_problem
 from robomirror_drake.optimization.retarget_solver import Solution, solve
 from robomirror_drake.optimization.retarget_targets import Targets, make_targets
 from robomirror_drake.robot import Robot
@@ -283,7 +284,7 @@ def _carry_footholds(tables: RobotTables, targets: Targets, warm: Warm) -> Targe
     corners = positions(tables.corners, R, p).reshape(2, 4, 3) * [1.0, 1.0, 0.0]
     anchor = targets.anchor.copy()
     for foot in (0, 1):
-        for start, stop in phases(np.asarray(targets.contact[:, foot].any(axis=1)))[:1]:
+        for start, stop in runs(np.asarray(targets.contact[:, foot].any(axis=1)))[:1]:
             if start == 0:
                 bears = targets.contact[0, foot]
                 old, new = anchor[0, foot], corners[foot]
@@ -296,7 +297,7 @@ def _carry_footholds(tables: RobotTables, targets: Targets, warm: Warm) -> Targe
 
 def _held(contact: BoolArray, standing: BoolArray) -> BoolArray:
     """(T, 2, 4) contacts between samples (S, 8) at both of which the solver still held them."""
-    picked = picked_samples(contact)
+    picked = picked_samples(contact, STRIDE)
     after = np.searchsorted(picked, np.arange(len(contact)))
     before = np.searchsorted(picked, np.arange(len(contact)), side="right") - 1
     held = contact & (standing[before] & standing[after]).reshape(contact.shape)

@@ -7,6 +7,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d
 from scipy.spatial import ConvexHull
 
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization.contact_schedule import runs
 
 REACH = 0.06
 """How far a human foot may stray from its foothold where another foot stands [m]."""
@@ -47,7 +48,7 @@ def footholds(
     contact, anchor, miss = _settled(soles, ends), np.zeros(soles.shape), np.zeros(ends.shape)
     speed = np.linalg.norm(np.gradient(soles[..., :2], axis=0), axis=-1)
     for f in (0, 1):
-        todo = phases(np.asarray(ends[:, f].any(axis=1)))
+        todo = runs(np.asarray(ends[:, f].any(axis=1)))
         while todo:
             start, stop = todo.pop()
             run = slice(start, stop)
@@ -63,7 +64,7 @@ def footholds(
                 cut = start + int(quick.argmax())
                 first, last = max(start, cut - _CUT), min(stop, cut + _CUT + 1)
                 contact[first:last, f] &= ~shared[first - start : last - start, None]
-                left = phases(np.asarray(contact[run, f].any(axis=1)))
+                left = runs(np.asarray(contact[run, f].any(axis=1)))
                 todo += [(start + a, start + b) for a, b in left]
             else:
                 height = (soles[run, f, :, 2] * stands).sum(axis=1) / stands.sum(axis=1)
@@ -80,7 +81,7 @@ def _settled(soles: Array, ends: BoolArray) -> BoolArray:
     contact, feet = ends.copy(), np.asarray(ends.any(axis=2))
     for f in (0, 1):
         low = soles[:, f, :, 2].max(axis=1) < np.where(feet[:, 1 - f], LOW, LOW_ALONE)
-        for start, stop in phases(feet[:, f] & ~ends[:, f].all(axis=1) & low):
+        for start, stop in runs(feet[:, f] & ~ends[:, f].all(axis=1) & low):
             if stop - start >= _LONG:
                 contact[start:stop, f] = True
     return contact
@@ -161,19 +162,13 @@ def let_go(contact: BoolArray, miss: Array, most: float, grace: int = 0) -> Bool
     flight = np.pad(~contact.any(axis=(1, 2)), 1)
     beside = binary_dilation(flight, iterations=grace)[1:-1] if grace else flight[1:-1]
     for f, part in np.ndindex(contact.shape[1:]):
-        for start, stop in phases(left[:, f, part]):
+        for start, stop in runs(left[:, f, part]):
             shared = left[start:stop, 1 - f].any(axis=1)
             off = (miss[start:stop, f, part] > most) & (shared | beside[start:stop])
             late = np.logical_and.accumulate(off) & (start > 0)
             early = np.logical_and.accumulate(off[::-1])[::-1] & (stop < last)
             left[start:stop, f, part] &= ~(late | early)
     return left
-
-
-def phases(active: BoolArray) -> list[tuple[int, int]]:
-    """Maximal runs of True as (start, stop)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def unit(x: Array) -> Array:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.optimization.kinematics import (
     Capsules,
     Points,
@@ -18,7 +19,6 @@ from robomirror_drake.optimization.kinematics import (
     make_tree,
     positions,
 )
-from robomirror_drake.optimization.retarget_footholds import phases
 from robomirror_drake.optimization.retarget_targets import RATE, Proportions, Targets, proportions
 from robomirror_drake.robot import FEET, Robot, rotation_matrix
 
@@ -106,6 +106,6 @@ def _drift(offset: Array, standing: BoolArray) -> float:
     moved = [
         float(np.linalg.norm(offset[a:b, k, :2] - offset[a, k, :2], axis=1).max())
         for k in range(standing.shape[1])
-        for a, b in phases(standing[:, k])
+        for a, b in runs(standing[:, k])
     ]
     return max(moved, default=0.0)

@@ -11,13 +11,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.messages import Array
 from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.contact_schedule import picked_samples
 from robomirror_drake.optimization.floating_base import reference_rotation
 from robomirror_drake.optimization.kinematics import Points
 from robomirror_drake.optimization.retarget_kernel import Terms
@@ -78,7 +78,7 @@ def make_problem(
     spacing, weights = options.knot_spacing, options.weights
     whole = spline.basis(targets.time, spacing)
     quaternions = _reference_quaternions(whole, targets, reference)
-    picked = picked_samples(targets.contact)
+    picked = picked_samples(targets.contact, STRIDE)
     basis = spline.basis(targets.time[picked], spacing, whole.points)
     dt = np.gradient(targets.time[picked])[:, None]
     support = weights.support * _slowness(targets, tables, options.slow_speed)
@@ -124,17 +124,6 @@ def make_problem(
     acceleration = np.full(len(lower), options.joint_acceleration)
     limits = Limits(lower + ROUNDING, tables.upper - ROUNDING, tables.speed, acceleration)
     return Problem(terms, basis, quadratic, linear, limits, quaternions, spacing, start)
-
-
-def picked_samples(contact: BoolArray) -> npt.NDArray[np.int64]:
-    """Indices of the samples that the problem looks at, for contacts (T, 2, 4)."""
-    standing = contact.reshape(len(contact), -1)
-    change = np.any(standing[1:] != standing[:-1], axis=1)
-    picked = np.zeros(len(contact), bool)
-    picked[::STRIDE] = picked[-1] = True
-    picked[1:] |= change
-    picked[:-1] |= change
-    return np.flatnonzero(picked)
 
 
 def _quadratic(

@@ -26,7 +26,7 @@ from robomirror_drake.fall_signs import Sign, signs
 from robomirror_drake.messages import Array, Execution, Outcome, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.optimization.centroidal_motion import CentroidalMotion, centroidal_motion
-from robomirror_drake.optimization.plan_schedule import runs
+from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.outcome import LOADED_FORCE, evaluate, find_fall, until_fall
 from robomirror_drake.robot import FEET, Robot
 from robomirror_drake.simulation import SimulationOptions

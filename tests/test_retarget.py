@@ -10,6 +10,7 @@ from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import HumanMotion
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
+from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.optimization.retarget import (
     Retargeted,
     RetargetOptions,
@@ -26,7 +27,6 @@ from robomirror_drake.optimization.retarget_footholds import (
     footholds,
     heading,
     let_go,
-    phases,
 )
 from robomirror_drake.robot import load_robot
 
@@ -133,7 +133,7 @@ def test_contacts_of_another_length_are_refused(walk):
 def test_a_foothold_is_flat_and_does_not_move_within_a_phase(walked):
     targets = walked.targets
     for foot in (0, 1):
-        for start, stop in phases(targets.contact[:, foot].any(axis=1)):
+        for start, stop in runs(targets.contact[:, foot].any(axis=1)):
             anchor = targets.anchor[start:stop, foot]
             assert np.ptp(anchor, axis=0).max() == 0.0
             assert np.all(anchor[..., 2] == 0.0)
@@ -150,7 +150,7 @@ def test_a_sliding_foot_lets_go_between_footholds():
     ends = np.ones((60, 2, 4), dtype=bool)
     contact, anchor = footholds(soles, ends, corners, np.zeros(60), np.zeros((2, 2)))
     assert contact[:, 1].all()
-    assert len(phases(contact[:, 0].any(axis=1))) > 1
+    assert len(runs(contact[:, 0].any(axis=1))) > 1
     np.testing.assert_allclose(anchor[0, 0], corners[0], atol=0.03)
     np.testing.assert_allclose(anchor[-1, 0], corners[0] + [0.3, 0, 0], atol=0.03)
 
@@ -196,7 +196,7 @@ def test_contacts_end_earlier_but_not_where_the_robot_would_fly():
 def test_a_reference_flies_where_the_human_does(clip, flights):
     motion = load_clip(clip)
     contact = retarget(ROBOT, motion).contact
-    air = phases(~contact.any(axis=(1, 2)))
+    air = runs(~contact.any(axis=(1, 2)))
     assert len(air) == flights
     free = ~foot_contacts(motion).any(axis=(1, 2))
     for start, stop in air:
