@@ -29,8 +29,8 @@ from robomirror_drake.exceptions import (
     RoboMirrorError,
 )
 from robomirror_drake.generator_commands import app as generator_app
-from robomirror_drake.messages import RESIDUAL_UNITS
 from robomirror_drake.terminal import (
+    JsonOption,
     check_file,
     complain,
     console,
@@ -60,7 +60,6 @@ app.add_typer(dataset_app, name="dataset")
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
 ]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
 
 
 def _print_version(wanted: bool) -> None:
@@ -159,6 +158,7 @@ def retarget(
     scenario: ScenarioOption = "default",
 ) -> None:
     """Retarget one recorded motion, kinematically, and write the reference as Parquet."""
+    from robomirror_drake.messages import RESIDUAL_UNITS
     from robomirror_drake.results import check_place
     from robomirror_drake.run import retarget_motion
     from robomirror_drake.tables import write_message
@@ -245,34 +245,25 @@ def survey(
 @bench.command("retarget")
 def bench_retarget(json_file: JsonOption = None) -> None:
     """The retargeter beside mink's per-frame IK, on every clip that keeps to the feet."""
-    from robomirror_drake import bench_retarget as measure
+    from robomirror_drake import bench_retarget
 
-    check_file(json_file)
-    figures = measure.run()
-    measure.print_table(figures, out)
-    write_json(json_file, figures)
+    _measure(bench_retarget, json_file)
 
 
 @bench.command("controller")
 def bench_controller(json_file: JsonOption = None) -> None:
     """The controller's tick by QP solver: assembly and solve, median and 99th percentile."""
-    from robomirror_drake import bench_controller as measure
+    from robomirror_drake import bench_controller
 
-    check_file(json_file)
-    figures = measure.run()
-    measure.print_table(figures, out)
-    write_json(json_file, figures)
+    _measure(bench_controller, json_file)
 
 
 @bench.command("plan")
 def bench_plan(json_file: JsonOption = None) -> None:
     """The dynamic planner: whole motions from nothing, and windows of one second that go on."""
-    from robomirror_drake import bench_plan as measure
+    from robomirror_drake import bench_plan
 
-    check_file(json_file)
-    figures = measure.run()
-    measure.print_table(figures, out)
-    write_json(json_file, figures)
+    _measure(bench_plan, json_file)
 
 
 @bench.command("pushes")
@@ -297,13 +288,20 @@ def bench_pushes(
     write_json(json_file, figures)
 
 
+def _measure(stage: Any, json_file: Path | None) -> None:
+    """Runs a bench, prints its table and writes its figures."""
+    check_file(json_file)
+    figures = stage.run()
+    stage.print_table(figures, out)
+    write_json(json_file, figures)
+
+
 def _scenario(name: str, **changes: Any) -> Scenario:
     """The scenario of that name with what the command line says instead."""
-    from robomirror_drake.config import Scenario, load_scenario
-    from robomirror_drake.yaml_file import validate
+    from robomirror_drake.config import load_scenario
+    from robomirror_drake.yaml_file import changed
 
-    given = {key: value for key, value in changes.items() if value not in (None, "")}
-    return validate(Scenario, load_scenario(name).model_dump() | given, "command line")
+    return changed(load_scenario(name), **changes)
 
 
 def _run(scenario: Scenario, live: bool) -> Result:

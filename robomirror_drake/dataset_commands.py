@@ -12,7 +12,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TextColu
 from rich.progress import Progress as Bars
 from rich.table import Table
 
-from robomirror_drake.terminal import check_file, console, out, progress_bars, write_json
+from robomirror_drake.terminal import (
+    JsonOption,
+    check_file,
+    console,
+    out,
+    progress_bars,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from robomirror_drake.dataset.generate import Progress
@@ -33,7 +40,6 @@ ExecutionsOption = Annotated[
     int | None, typer.Option(help="Of each motion: nominal, pushed, disturbed start or dynamics, …")
 ]
 ScenarioOption = Annotated[str, typer.Option(help="Scenario for all that is set elsewhere.")]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
 
 
 @app.command()
@@ -194,8 +200,6 @@ def scaling(
 def _options(name: str, **changes: int | None) -> DatasetOptions:
     """The settings of that name with what the command line says instead."""
     from robomirror_drake.dataset.options import DatasetOptions
-    from robomirror_drake.yaml_file import load_yaml, validate
+    from robomirror_drake.yaml_file import changed, load_yaml
 
-    given = {key: value for key, value in changes.items() if value is not None}
-    base = load_yaml(DatasetOptions, "datasets", name)
-    return validate(DatasetOptions, base.model_dump() | given, "command line")
+    return changed(load_yaml(DatasetOptions, "datasets", name), **changes)

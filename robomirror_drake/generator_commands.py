@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from robomirror_drake.terminal import check_file, out, progress_bars, write_json
+from robomirror_drake.terminal import JsonOption, check_file, out, progress_bars, write_json
 
 app = typer.Typer(help="The learned generator: corpus, training, figures.", no_args_is_help=True)
 
@@ -76,7 +76,7 @@ def evaluate(
     ] = "packaged",
     steps: Annotated[int, typer.Option(help="Evaluations of the network for a motion.")] = 2,
     guidance: Annotated[float, typer.Option(help="How strongly the text pulls.")] = 1.5,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures.")] = None,
+    json_file: JsonOption = None,
 ) -> None:
     """R-precision, FID, diversity, foot skate and time on the test split of a data set."""
     check_file(json_file)

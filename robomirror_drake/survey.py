@@ -25,7 +25,7 @@ from robomirror_drake.pipeline import build_plan_diagram, give_candidates, give_
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout
 from robomirror_drake.run import read_source
-from robomirror_drake.yaml_file import validate
+from robomirror_drake.yaml_file import changed
 
 RENEWED = 40
 """Tasks after which processes are renewed: Drake frees all but 2 MB of a diagram."""
@@ -147,8 +147,7 @@ def survey_tasks(
         raise InputError(f"no actions {', '.join(unknown)}; known: {', '.join(commands)}")
     plans: dict[float | None, PlanOptions] = {None: scenario.planner}
     if slowest is not None:
-        changed = scenario.planner.model_dump() | {"slowest": slowest}
-        plans[slowest] = validate(PlanOptions, changed, "command line")
+        plans[slowest] = changed(scenario.planner, slowest=slowest)
     return [
         Task(
             action=action,

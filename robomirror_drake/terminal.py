@@ -6,8 +6,9 @@ import json
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -15,6 +16,8 @@ from robomirror_drake.exceptions import ResultError
 
 if TYPE_CHECKING:
     from robomirror_drake.results import Result
+
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
 
 console = Console(stderr=True)
 # Tables keep their width in a file or a pipe.

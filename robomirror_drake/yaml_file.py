@@ -67,6 +67,16 @@ def validate(model: type[Model], data: object, name: str) -> Model:
         raise ConfigError(f"{name}: {faults}") from error
 
 
+def changed(model: Model, **changes: object) -> Model:
+    """A model with what the command line says instead; what is None or empty stays as it is.
+
+    Raises:
+        ConfigError: A value is wrong.
+    """
+    given = {key: value for key, value in changes.items() if value not in (None, "")}
+    return validate(type(model), model.model_dump() | given, "command line")
+
+
 def _not_finite(data: object, key: str = "") -> Iterator[str]:
     """What is wrong with each number that is infinite or NaN."""
     if isinstance(data, float) and not math.isfinite(data):
