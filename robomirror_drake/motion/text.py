@@ -258,8 +258,3 @@ def _side(text: str, action: str) -> str | None:
     if action == "stand_on_one_leg" and side in ("left", "right") and lifted:
         return other(side)  # the other one stands
     return side
-
-
-def scores(text: str) -> dict[str, float]:
-    """How well each action fits a clause, best first."""
-    return ranking(text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from robomirror_drake.motion.body import SIDES
 from robomirror_drake.motion.composer.score import STANCE_WIDTH
 
 
@@ -57,6 +58,11 @@ class Cue:
     style: Style = Style()
     busy_arms: frozenset[str] = frozenset()
     duration: float | None = None
+
+    @property
+    def free_arms(self) -> tuple[str, ...]:
+        """The sides whose arm no other action holds."""
+        return tuple(side for side in SIDES if side not in self.busy_arms)
 
     @property
     def haste(self) -> float:

@@ -11,11 +11,10 @@ from robomirror_drake.motion.composer.steps import Manner, Step, take_steps
 
 def _hold(score: Score, cue: Cue, begin: float, angles: dict[str, float]) -> None:
     """Keep the free arms in a pose from ``begin`` to now."""
-    for arm in ("left", "right"):
-        if arm not in cue.busy_arms:
-            for angle, value in angles.items():
-                score.move(f"{arm}_{angle}", value, begin, begin + 0.8)
-                score.move(f"{arm}_{angle}", -value, score.now - 0.8, score.now)
+    for arm in cue.free_arms:
+        for angle, value in angles.items():
+            score.move(f"{arm}_{angle}", value, begin, begin + 0.8)
+            score.move(f"{arm}_{angle}", -value, score.now - 0.8, score.now)
 
 
 def waltz(score: Score, cue: Cue) -> None:

@@ -45,10 +45,6 @@ def _flight_time(rise: float) -> tuple[float, float]:
     return 2.0 * speed / GRAVITY, speed
 
 
-def _free_arms(cue: Cue) -> list[str]:
-    return [side for side in ("left", "right") if side not in cue.busy_arms]
-
-
 def jump(score: Score, cue: Cue) -> None:
     """Jump with both feet: on the spot, by a distance, or to a side."""
     count = cue.count or 1
@@ -84,7 +80,7 @@ def _jump_once(score: Score, cue: Cue, distance: float, aside: float) -> None:
     top = 0.5 * (off + down)
     for side in ("left", "right"):
         score.pulse(f"{side}_foot_z", 1.35 * rise, off, top, down)
-        _carry_foot(score, side, ahead(score.feet[side], distance, aside), off, down)
+        score.carry(side, ahead(score.feet[side], distance, aside), off, down)
     _throw_arms(score, cue, t0, bottom, off, top, absorbed)
     for part, lean in (("chest_pitch", 0.35), ("pelvis_pitch", 0.30)):
         score.move(part, lean, t0, bottom)
@@ -93,19 +89,11 @@ def _jump_once(score: Score, cue: Cue, distance: float, aside: float) -> None:
     score.now = up
 
 
-def _carry_foot(score: Score, side: str, to: Footprint, start: float, end: float) -> None:
-    here = score.feet[side]
-    for axis, delta in (("x", to.x - here.x), ("y", to.y - here.y), ("yaw", to.yaw - here.yaw)):
-        if delta:
-            score.move(f"{side}_foot_{axis}", delta, start, end)
-    score.feet[side] = to
-
-
 def _throw_arms(
     score: Score, cue: Cue, t0: float, bottom: float, off: float, top: float, absorbed: float
 ) -> None:
     """Back in the crouch, up with the push, down in the landing."""
-    for side in _free_arms(cue):
+    for side in cue.free_arms:
         swing = 0.7 * cue.style.arms
         score.move(f"{side}_flexion", -swing, t0, bottom)
         score.move(f"{side}_flexion", 2.4 * swing, bottom, off + 0.05)
@@ -130,7 +118,7 @@ def jumping_jack(score: Score, cue: Cue) -> None:
         for side, sign in (("left", 1.0), ("right", -1.0)):
             score.pulse(f"{side}_foot_z", 0.05, off, 0.5 * (off + down), down)
             there = ahead(score.feet[side], 0.0, sign * out * wide)
-            _carry_foot(score, side, there, off, down)
+            score.carry(side, there, off, down)
             if side not in cue.busy_arms:
                 score.move(f"{side}_abduction", 2.1 * out, t, down + 0.5 * push)
         t = down + push
@@ -200,7 +188,7 @@ def hop(score: Score, cue: Cue) -> None:
     bounds += [Bound(cue.side, ahead(at, each * (i + 1), 0.0), flight) for i in range(count)]
     begin = score.now
     _bounds(score, bounds, stance=0.42 / np.sqrt(cue.tempo), lift=0.10, dip=0.09, heel=0.1)
-    for arm in _free_arms(cue):
+    for arm in cue.free_arms:
         score.pulse(f"{arm}_abduction", 0.6, begin, begin + 0.9, score.now)
         score.pulse(f"{arm}_elbow", 0.4, begin, begin + 0.9, score.now)
 
@@ -218,7 +206,7 @@ def leap(score: Score, cue: Cue) -> None:
         begin = score.now
         _bounds(score, bounds, stance=0.3, lift=0.12, dip=0.12, heel=0.3)
         for arm, sign in ((lead, -0.5), (push, 0.9)):
-            if arm in _free_arms(cue):
+            if arm in cue.free_arms:
                 score.pulse(f"{arm}_flexion", sign * cue.style.arms, begin + 0.4, begin + 1.1,
                             score.now - 0.4)  # fmt: skip
                 score.pulse(f"{arm}_elbow", 0.5, begin + 0.4, begin + 1.1, score.now - 0.4)
@@ -239,7 +227,7 @@ def skip(score: Score, cue: Cue) -> None:
         side = other(side)
     begin = score.now
     _bounds(score, bounds, stance=0.24 / np.sqrt(cue.tempo), lift=0.15, dip=0.07, heel=0.2)
-    for arm in _free_arms(cue):
+    for arm in cue.free_arms:
         score.pulse(f"{arm}_elbow", 0.7, begin, begin + 0.8, score.now)
 
 
@@ -270,13 +258,13 @@ def run(score: Score, cue: Cue) -> None:
 
 def _pump_arms(score: Score, cue: Cue, bounds: list[Bound], begin: float, step: float) -> None:
     """Bent elbows, each arm ahead with the opposite foot; the trunk leans into the run."""
-    for arm in _free_arms(cue):
+    for arm in cue.free_arms:
         score.pulse(f"{arm}_elbow", 1.2, begin, begin + SHIFT, score.now)
     score.pulse("chest_pitch", 0.12, begin, begin + SHIFT, score.now)
     score.pulse("pelvis_pitch", 0.10, begin, begin + SHIFT, score.now)
     t = begin + SHIFT + 0.1
     for bound in bounds[1:]:
         for arm, sign in ((bound.side, -0.45), (other(bound.side), 0.55)):
-            if arm in _free_arms(cue):
+            if arm in cue.free_arms:
                 score.pulse(f"{arm}_flexion", sign * cue.style.arms, t, t + step, t + 2.0 * step)
         t += step

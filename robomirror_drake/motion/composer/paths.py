@@ -8,7 +8,7 @@ import numpy as np
 
 from robomirror_drake.motion.composer.cue import Cue
 from robomirror_drake.motion.composer.gait import turn, walk
-from robomirror_drake.motion.composer.score import STANCE_WIDTH, Footprint, Score
+from robomirror_drake.motion.composer.score import Footprint, Score
 from robomirror_drake.motion.composer.steps import Manner, PathFunction, along_path, take_steps
 
 RADIUS = 0.65
@@ -27,11 +27,11 @@ def _arc(radius: float, sign: float) -> PathFunction:
     return at
 
 
-def _go(score: Score, cue: Cue, path: PathFunction, length: float, speed: float = SPEED) -> None:
-    pace = cue.speed or speed * cue.tempo
-    step = 0.32 * cue.style.step_length * np.sqrt(pace / speed)
+def _go(score: Score, cue: Cue, path: PathFunction, length: float) -> None:
+    pace = cue.speed or SPEED * cue.tempo
+    step = 0.32 * cue.style.step_length * np.sqrt(pace / SPEED)
     # The inner foot of a bend goes first: its steps are the shorter ones.
-    steps = along_path(score, path, length, step, cue.side, cue.style.step_width, STANCE_WIDTH)
+    steps = along_path(score, path, length, step, cue.side, cue.style.step_width)
     begin = score.now
     take_steps(score, steps, length / max(len(steps) - 1, 1) / pace, cue, Manner(roll=0.0))
     _look_ahead(score, path, length, begin)

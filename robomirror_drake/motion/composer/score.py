@@ -118,20 +118,23 @@ class Score:
         self.move("load", left_share - self.load, start, end)
         self.load = left_share
 
+    def carry(self, side: str, to: Footprint, start: float, end: float) -> None:
+        """Bring a foot over the floor to where it is to stand."""
+        was = self.feet[side]
+        for name, delta in (("x", to.x - was.x), ("y", to.y - was.y), ("yaw", to.yaw - was.yaw)):
+            if delta:
+                self.move(f"{side}_foot_{name}", delta, start, end)
+        self.feet[side] = to
+
     def swing(
         self, side: str, to: Footprint, start: float, end: float, height: float, heel: float = 0.15
     ) -> None:
         """Lift a foot, carry it and set it down; it leaves and meets the floor vertically."""
-        was, duration = self.feet[side], end - start
-        for name, delta in (("x", to.x - was.x), ("y", to.y - was.y), ("yaw", to.yaw - was.yaw)):
-            if delta:
-                self.move(
-                    f"{side}_foot_{name}", delta, start + 0.09 * duration, end - 0.09 * duration
-                )
+        duration = end - start
+        self.carry(side, to, start + 0.09 * duration, end - 0.09 * duration)
         self.pulse(f"{side}_foot_z", height, start, 0.5 * (start + end), end)
         # The heel leaves first; the toe is clear of the floor all the while.
         self.pulse(f"{side}_foot_heel", heel, start, start + 0.4 * duration, start + 0.8 * duration)
-        self.feet[side] = to
 
     def center(self) -> Footprint:
         """Midway between the feet, with their mean heading."""

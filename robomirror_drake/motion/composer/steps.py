@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robomirror_drake.motion.composer.cue import Cue, other
-from robomirror_drake.motion.composer.score import Footprint, Score, ahead
+from robomirror_drake.motion.composer.score import STANCE_WIDTH, Footprint, Score, ahead
 
 DOUBLE_SUPPORT = 0.25
 """Share of a step during which both feet bear weight (J. Perry, "Gait Analysis", 1992: 0.2)."""
@@ -136,8 +136,7 @@ def _carry(score: Score, cue: Cue, manner: Manner, begin: float, end: float) -> 
     moves = [("pelvis_z", -manner.crouch), ("pelvis_pitch", 0.5 * manner.lean),
              ("chest_pitch", 0.5 * manner.lean),
              ("head_pitch", manner.look_down - 0.6 * manner.lean)]  # fmt: skip
-    moves += [(f"{arm}_elbow", manner.elbows) for arm in ("left", "right")
-              if arm not in cue.busy_arms]  # fmt: skip
+    moves += [(f"{arm}_elbow", manner.elbows) for arm in cue.free_arms]
     for channel, value in moves:
         if value:
             score.move(channel, value, begin, up)
@@ -145,9 +144,8 @@ def _carry(score: Score, cue: Cue, manner: Manner, begin: float, end: float) -> 
 
 
 def along_path(
-    score: Score, path: PathFunction, length: float, stride: float, first: str, width: float,
-    stance: float, lift: float | None = None,
-) -> list[Step]:  # fmt: skip
+    score: Score, path: PathFunction, length: float, stride: float, first: str, width: float
+) -> list[Step]:
     """Alternating steps whose middle follows a path from where the body stands.
 
     Args:
@@ -157,8 +155,6 @@ def along_path(
         stride: Longest step [m].
         first: The foot that starts.
         width: Distance of the feet on the way [m].
-        stance: Distance of the feet at the end [m].
-        lift: Height of the swings [m].
     """
     start = score.center()
     count = max(1, int(np.ceil(length / stride - 1e-9)))
@@ -168,11 +164,10 @@ def along_path(
         here = path(length * min(i + 1, count) / count)
         sign = 1.0 if side == "left" else -1.0
         at = ahead(start, here.x, here.y, here.yaw)
-        beside = 0.5 * (stance if last else width)
-        if last:  # the foot before came down at the width of the way
-            beside = stance - 0.5 * width
+        # The foot before the last came down at the width of the way.
+        beside = STANCE_WIDTH - 0.5 * width if last else 0.5 * width
         to = ahead(at, 0.0, sign * beside)
         advance = (1.0 if i in (0, count) else 2.0) * length / count
-        steps.append(Step(side, to, advance, lift=lift))
+        steps.append(Step(side, to, advance))
         side = other(side)
     return steps

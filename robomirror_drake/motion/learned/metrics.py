@@ -34,15 +34,13 @@ def matching_distance(texts: Array, motions: Array) -> float:
 
 
 def diversity(motions: Array, pairs: int, rng: np.random.Generator) -> float:
-    """Mean distance in pairs of different motions (n, D), drawn at random."""
+    """Mean distance in pairs of different motions (n, D), drawn at random.
+
+    Of motions of one text it is their share in the multimodality, which is the mean over texts.
+    """
     first = rng.integers(len(motions), size=pairs)
     second = (first + rng.integers(1, len(motions), size=pairs)) % len(motions)
     return float(np.linalg.norm(motions[first] - motions[second], axis=1).mean())
-
-
-def multimodality(motions: Array, pairs: int, rng: np.random.Generator) -> float:
-    """Mean distance in pairs of motions of one text: motions (texts, each, D)."""
-    return float(np.mean([diversity(of_one, pairs, rng) for of_one in motions]))
 
 
 def frechet_distance(real: Array, generated: Array) -> float:
