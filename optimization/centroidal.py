@@ -190,11 +190,10 @@ def sample(
         derivatives: Whether to evaluate the Jacobians too.
     """
     model, at = robot.model, tangent(x, xd, xdd)
-    tree, data = _tree(robot), model.createData()
-    still = np.concatenate([x[:, 4:7], np.zeros((len(x), 3)), x[:, 7:]], axis=1)
-    R, p = body_poses(tree, rotation_matrix(unit_quaternions(x)[:, :4]), still)
-    links = _link_poses(model, frames, R, p)
-    motion = _motion(tree.axis, R, p)
+    data = model.createData()
+    R, p = _placed(robot, x)
+    links = _carried(model, frames, R, p)
+    motion = _motion(_tree(robot).axis, R, p)
     T, nv = len(x), model.nv
     tau = np.empty((T, nv))
     # The loops do nothing but call Pinocchio and copy what it returns.
@@ -228,7 +227,18 @@ def _to_world(tau: Array, R: Array, p: Array) -> Array:
     return np.concatenate([R @ tau[:, 3:6] + cross_matrix(p) @ force, force], axis=1)
 
 
-def _link_poses(model: Any, frames: list[int], R: Array, p: Array) -> Array:
+def link_poses(robot: Robot, frames: list[int], x: Array) -> Array:
+    """(T, L, 4, 4) poses in world of frames, by Pinocchio's ids, at configurations x (T, 30)."""
+    return _carried(robot.model, frames, *_placed(robot, x))
+
+
+def _placed(robot: Robot, x: Array) -> tuple[Array, Array]:
+    """(T, B, 3, 3), (T, B, 3) poses of the bodies."""
+    upright = np.concatenate([x[:, 4:7], np.zeros((len(x), 3)), x[:, 7:]], axis=1)
+    return body_poses(_tree(robot), rotation_matrix(unit_quaternions(x)[:, :4]), upright)
+
+
+def _carried(model: Any, frames: list[int], R: Array, p: Array) -> Array:
     """(T, L, 4, 4) poses of frames from those of the bodies."""
     body = [model.frames[frame].parentJoint - 1 for frame in frames]
     placed = np.reshape([model.frames[frame].placement.homogeneous for frame in frames], (-1, 4, 4))

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 
 from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization.centroidal import cross_matrix
 from robomirror_drake.optimization.plan_contacts import ConeOptions, wrench_cones
 
 _ARM = 0.1  # a moment of 0.1 m times a force costs as much as the force
@@ -39,10 +40,7 @@ def share_wrench(wrench: Array, standing: Array, loaded: BoolArray, cone: ConeOp
     total = wrench.copy()
     total[:, :3] -= np.cross(middle, wrench[:, 3:])
     transfer = np.tile(np.eye(6), (T, 2, 1, 1))
-    x, y, z = np.moveaxis(centers - middle[:, None], -1, 0)
-    o = np.zeros_like(x)
-    cross = np.stack([np.stack(r, axis=-1) for r in ([o, -z, y], [z, o, -x], [-y, x, o])], axis=-2)
-    transfer[..., :3, 3:] = cross
+    transfer[..., :3, 3:] = cross_matrix(centers - middle[:, None])
     transfer = transfer * scale / scale[:, None]
     on = np.asarray(loaded.any(axis=2))
     sums = _block_diagonal(np.concatenate([transfer[:, 0], transfer[:, 1]], axis=2))

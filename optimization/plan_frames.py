@@ -60,3 +60,12 @@ class Frames:
         carried = links[:, self.owner]
         turned = np.einsum("tpij,pj->tpi", carried[..., :3, :3], self.local)
         return np.asarray(turned + carried[..., :3, 3])
+
+    def points_of(self, robot: Robot, x: Array) -> Array:
+        """(T, P, 3) the points in world, of configurations x (T, 30)."""
+        return self.points(centroidal.link_poses(robot, self.links, x))
+
+
+def soles(points: Array) -> Array:
+    """(T, 2, 4, 3) the sole corners among (T, P, 3) points of :class:`Frames`."""
+    return points[:, :8].reshape(-1, 2, 4, 3)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from robomirror_drake.messages import Array, RobotReference
-from robomirror_drake.optimization import centroidal, kinematics, spline
+from robomirror_drake.optimization import centroidal, spline
+from robomirror_drake.optimization.plan_collision import gaps
 from robomirror_drake.optimization.plan_contacts import (
     anchors,
     outside,
     wrench_cones,
 )
 from robomirror_drake.optimization.plan_forces import share_wrench
-from robomirror_drake.optimization.plan_frames import Frames
+from robomirror_drake.optimization.plan_frames import Frames, soles
 from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_schedule import loaded_corners
 from robomirror_drake.optimization.plan_setup import Padded
-from robomirror_drake.robot import Robot, rotation_matrix
+from robomirror_drake.robot import Robot
 
 
 def planned_reference(
@@ -44,11 +45,8 @@ def planned_reference(
     frames = Frames.of(robot)
     samples = centroidal.sample(robot, frames.links, x, xd, xdd, derivatives=False)
     points = frames.points(samples.links)
-    corners = points[:, :8].reshape(-1, 2, 4, 3)
-    raw = centroidal.sample(robot, frames.links, padded.q, 0 * xd, 0 * xdd, derivatives=False)
-    led = frames.points(raw.links)
-    path = led[:, :8].reshape(-1, 2, 4, 3)
-    placed = anchors(corners, padded.contact, robot.sole_corners, path)
+    corners, led = soles(points), frames.points_of(robot, padded.q)
+    placed = anchors(corners, padded.contact, robot.sole_corners, soles(led))
     cone = options.cone(robot)
     loaded = loaded_corners(padded.contact, np.arange(len(x), dtype=np.float64), 0.0)
     hard = cone._replace(friction=robot.spec.contact.friction, margin=0.0)
@@ -69,7 +67,7 @@ def planned_reference(
             np.max(np.linalg.norm(corners - placed, axis=-1)[padded.contact], initial=0.0)
         ),
         "penetration": float(max(0.0, -corners[..., 2].min())),
-        "self_penetration": _self_penetration(robot, q),
+        "self_penetration": float(max(0.0, -gaps(frames.capsules, samples.links).distance.min())),
         "limit_violation": max(0.0, *(float(part.max()) for part in excess)),
         "jerk_rms": float(np.sqrt(np.mean(spline.evaluate(basis, control, 3)[:, 7:] ** 2))),
     }
@@ -86,11 +84,3 @@ def planned_reference(
         planned=True,
         lead=float(padded.time[padded.kept.start]),
     )
-
-
-def _self_penetration(robot: Robot, q: Array) -> float:
-    """Largest depth of two of the robot's capsules in each other [m]."""
-    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
-    poses = kinematics.body_poses(kinematics.make_tree(robot), rotation_matrix(q[:, :4]), x)
-    gaps = kinematics.distances(kinematics.make_capsules(robot), *poses)
-    return float(max(0.0, -gaps.min()))

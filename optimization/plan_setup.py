@@ -17,7 +17,7 @@ from robomirror_drake.optimization.plan_contacts import (
     outside,
     wrench_cones,
 )
-from robomirror_drake.optimization.plan_frames import Frames
+from robomirror_drake.optimization.plan_frames import Frames, soles
 from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_penalty import Rows
 from robomirror_drake.optimization.plan_problem import (
@@ -101,10 +101,7 @@ def pad(
         PlanningError: See :func:`time_step`.
     """
     dt, q = time_step(reference), reference.q
-    soles = Frames.of(robot)
-    still = np.zeros_like(q)
-    pose = centroidal.sample(robot, soles.links, q, still, still, derivatives=False)
-    corners = soles.points(pose.links)[:, :8].reshape(-1, 2, 4, 3)
+    corners = soles(Frames.of(robot).points_of(robot, q))
     shortest = round(options.shortest_phase / dt)
     own = steady(reference.contact, corners, reference.a[:, 5], shortest)
     moving = slowed(replace(reference, contact=own), tempo)
@@ -153,10 +150,8 @@ def problem(
     contact = padded.contact[picked]
     frames = np.arange(len(padded.time), dtype=np.float64)
     loaded = loaded_corners(padded.contact, frames, 1.0)[picked]
-    raw, still = padded.q[picked], np.zeros_like(target)
-    led = centroidal.sample(robot, looked_at.links, raw, still, still, derivatives=False)
-    path = looked_at.points(led.links)[:, :8].reshape(-1, 2, 4, 3)
-    placed = anchors(points[:, :8].reshape(-1, 2, 4, 3), contact, robot.sole_corners, path)
+    path = soles(looked_at.points_of(robot, padded.q[picked]))
+    placed = anchors(soles(points), contact, robot.sole_corners, path)
     cones = wrench_cones(placed, loaded, options.cone(robot))
     standing = Standing(
         contact=contact,

@@ -9,6 +9,7 @@ import numpy as np
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.plan_contacts import ConeOptions, anchors, wrench_cones
+from robomirror_drake.optimization.plan_frames import soles
 from robomirror_drake.optimization.plan_penalty import Penalty, Rows
 from robomirror_drake.optimization.plan_problem import GROUPS, Evaluation, Problem
 from robomirror_drake.optimization.plan_step import StepModel
@@ -95,8 +96,7 @@ def moved_onto(phase: Array, held: Array) -> Array:
 
 def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
     """The problem with its stance rows and cones at the mean poses of the soles in ``points``."""
-    corners = points[:, :8].reshape(-1, 2, 4, 3)
-    placed = placed_feet(problem, standing, corners)
+    placed = placed_feet(problem, standing, soles(points))
     stands = standing.contact[..., None]
     air = np.full_like(placed, -np.inf)
     air[..., 2] = standing.least
@@ -113,8 +113,7 @@ def anchored(problem: Problem, standing: Standing, points: Array) -> Problem:
 
 def shared(problem: Problem, standing: Standing, at: Evaluation) -> Problem:
     """The problem with torques for the split of the wrench that is needed at ``at``."""
-    corners = at.points[:, :8].reshape(-1, 2, 4, 3)
-    placed = placed_feet(problem, standing, corners)
+    placed = placed_feet(problem, standing, soles(at.points))
     split = split_of(at.wrench, placed, standing.loaded, standing.cone)
     most = np.full_like(problem.rows["torque"].upper, standing.torque_share)
     return replace(problem, split=split, rows={**problem.rows, "torque": Rows(-most, most)})

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from robomirror_drake.messages import Array, RobotReference
-from robomirror_drake.optimization import centroidal, spline
-from robomirror_drake.optimization.plan_frames import Frames
+from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.plan_frames import Frames, soles
 from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_result import planned_reference
 from robomirror_drake.optimization.plan_setup import (
@@ -96,11 +96,9 @@ def plan_window(
         iterations, level = options.iterations, 0
     made, standing = problem(robot, padded, knots, options)
     x = spline.evaluate(knots.basis(padded.time[:1]), guess)
-    frames = Frames.of(robot)
-    links = centroidal.sample(robot, frames.links, x, 0 * x, 0 * x, derivatives=False).links
     solution = solve(
         replace(made, fixed=_KEPT, ending=None if last else ending),
-        standing._replace(held=frames.points(links)[0, :8].reshape(2, 4, 3)),
+        standing._replace(held=soles(Frames.of(robot).points_of(robot, x))[0]),
         guess,
         limits(robot, options),
         iterations=iterations,
