@@ -78,6 +78,17 @@ def sample(path: Path, time: Array) -> Motion:
     )
 
 
+def continuous(q: Array) -> Array:
+    """(T, n) configurations, quaternion first, whose successive quaternions lie in one hemisphere.
+
+    Args:
+        q: (T, n) positions in Drake's order, or quaternions alone.
+    """
+    flips = np.where(np.sum(q[1:, :4] * q[:-1, :4], axis=1) < 0.0, -1.0, 1.0)
+    signs = np.cumprod(np.concatenate([[1.0], flips]))
+    return np.hstack([signs[:, None] * q[:, :4], q[:, 4:]])
+
+
 def product(a: Array, b: Array) -> Array:
     """(T, 4) quaternion products a ⊗ b."""
     w, u = a[:, :1], a[:, 1:]

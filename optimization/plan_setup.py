@@ -11,6 +11,7 @@ from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.messages import Array, BoolArray, RobotReference
 from robomirror_drake.optimization import centroidal, spline
 from robomirror_drake.optimization.contact_schedule import picked_samples
+from robomirror_drake.optimization.floating_base import continuous
 from robomirror_drake.optimization.plan_contacts import (
     anchors,
     clearance,
@@ -31,7 +32,7 @@ from robomirror_drake.optimization.plan_schedule import (
     steady,
 )
 from robomirror_drake.optimization.plan_solver import Standing
-from robomirror_drake.optimization.plan_tempo import continuous, slowed
+from robomirror_drake.optimization.plan_tempo import slowed
 from robomirror_drake.optimization.plan_torque import Split
 from robomirror_drake.robot import Robot
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from robomirror_drake.messages import Array, RobotReference
+from robomirror_drake.optimization.floating_base import continuous
 
 _EASE = 0.15  # time around a flight in which the tempo changes [s]
 _FINE = 8  # steps of the time integral between two samples
@@ -67,13 +68,6 @@ def _flying(reference: RobotReference, time: Array) -> Array:
     away = np.abs(time[:, None] - air).min(axis=1)
     s = np.clip(1.0 - away / _EASE, 0.0, 1.0)
     return np.asarray(s**2 * (3.0 - 2.0 * s))
-
-
-def continuous(q: Array) -> Array:
-    """(T, 30) positions whose successive quaternions lie in one hemisphere."""
-    flips = np.sum(q[1:, :4] * q[:-1, :4], axis=1) < 0.0
-    signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)])
-    return np.concatenate([signs[:, None] * q[:, :4], q[:, 4:]], axis=1)
 
 
 def chart_rate(q: Array, v: Array) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 
 from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.floating_base import continuous
 from robomirror_drake.optimization.plan_frames import Frames, soles
 from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_result import planned_reference
@@ -26,7 +27,7 @@ from robomirror_drake.optimization.plan_setup import (
     time_step,
 )
 from robomirror_drake.optimization.plan_solver import WARM, solve
-from robomirror_drake.optimization.plan_tempo import chart_acceleration, chart_rate, continuous
+from robomirror_drake.optimization.plan_tempo import chart_acceleration, chart_rate
 from robomirror_drake.robot import Robot
 
 _KEPT = spline.ORDER - 1  # control points that give position, velocity and acceleration

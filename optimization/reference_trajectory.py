@@ -8,13 +8,9 @@ import numpy as np
 from numba import njit
 
 from robomirror_drake.messages import Array, BoolArray, RobotReference
-from robomirror_drake.optimization.kinematics import (
-    body_poses,
-    make_points,
-    make_tree,
-    positions,
-)
-from robomirror_drake.robot import FEET, Robot, rotation_matrix
+from robomirror_drake.optimization.floating_base import continuous
+from robomirror_drake.optimization.plan_frames import Frames, soles
+from robomirror_drake.robot import Robot
 
 LEAST_SHARE = 0.02
 """Share of its full force that a corner may bear at the ends of its contact."""
@@ -74,14 +70,11 @@ class ReferenceSample(NamedTuple):
 
 def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTrajectory:
     """Prepares a reference for :func:`sample_reference`."""
-    q = robot.to_pinocchio(reference.q)
+    q = robot.to_pinocchio(continuous(reference.q))
     v = robot.v_to_pinocchio(reference.q, reference.v)
     a = robot.a_to_pinocchio(reference.q, reference.v, reference.a)
-    quaternion = q[:, 3:7]
-    flips = np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0, -1.0, 1.0)
-    quaternion[1:] *= np.cumprod(flips)[:, None]
     qdot = np.concatenate(
-        [reference.v[:, 3:6], _quaternion_rate(quaternion, v[:, 3:6]), v[:, 6:]], 1
+        [reference.v[:, 3:6], _quaternion_rate(q[:, 3:7], v[:, 3:6]), v[:, 6:]], 1
     )
     assert reference.foot_force is not None  # always set by the message itself
     contact = reference.contact & (corner_heights(robot, reference.q) < AIRBORNE)
@@ -102,11 +95,7 @@ def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTr
 
 def corner_heights(robot: Robot, q: Array) -> Array:
     """(T, 2, 4) heights of the soles' corners at configurations (T, 30) in Drake's order [m]."""
-    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
-    poses = body_poses(make_tree(robot), rotation_matrix(q[:, :4]), x)
-    corners = zip(FEET, robot.sole_corners, strict=True)
-    points = [(robot.spec.feet[foot].link, corner) for foot, four in corners for corner in four]
-    return positions(make_points(robot, points), *poses)[..., 2].reshape(-1, 2, 4)
+    return soles(Frames.of(robot).points_of(robot, q))[..., 2]
 
 
 def _quaternion_rate(quaternion: Array, omega: Array) -> Array:

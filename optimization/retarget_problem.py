@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.contact_schedule import picked_samples
-from robomirror_drake.optimization.floating_base import reference_rotation
+from robomirror_drake.optimization.floating_base import continuous, reference_rotation
 from robomirror_drake.optimization.kinematics import Points
 from robomirror_drake.optimization.retarget_kernel import Terms
 from robomirror_drake.optimization.retarget_limits import Limits
@@ -189,8 +189,7 @@ def _multiply_diagonal(quadratic, control):  # type: ignore[no-untyped-def]
 def _reference_quaternions(basis: spline.Basis, targets: Targets, kept: Array | None) -> Array:
     """(K, 4) smooth control quaternions of the pelvis' orientation; the leading ones as given."""
     q = Rotation.from_matrix(targets.pelvis).as_quat(scalar_first=True)
-    flips = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1, 1)]))
-    control = spline.fit(basis, q * flips[:, None], 1e-4)
+    control = spline.fit(basis, continuous(q), 1e-4)
     if kept is not None:
         count = min(len(kept), len(control))
         sign = 1.0 if np.sum(kept[:count] * control[:count]) >= 0 else -1.0
