@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.contact_schedule import runs
-from robomirror_drake.optimization.retarget_footholds import TURNS, heading
+from robomirror_drake.optimization.retarget_footholds import TURNS, heading, planar_rotation
 
 ROWS = 16
 """Rows of one wrench cone: normal force, friction 4, yaw 2, hull edges up to 8, one spare."""
@@ -67,22 +67,16 @@ def anchors(corners: Array, contact: BoolArray, sole: Array, path: Array) -> Arr
             share = weight[:, None] * stands / stands.sum(axis=1, keepdims=True)
             yaw, led = (np.unwrap(heading(c[run, foot])) for c in (corners, path))
             if np.ptp(led) < TURNS:
-                turned = (flat @ _turn(weight @ yaw).T)[None].repeat(end - start, axis=0)
+                turned = (flat @ planar_rotation(weight @ yaw).T)[None].repeat(end - start, axis=0)
             else:
-                turned = flat @ np.swapaxes(_turn(led), -1, -2)
+                turned = flat @ np.swapaxes(planar_rotation(led), -1, -2)
                 each = stands[..., None] / stands.sum(axis=1)[:, None, None]
                 turned += ((path[run, foot, :, :2] - turned) * each).sum(axis=1, keepdims=True)
-                turned = turned @ _turn(weight @ np.unwrap(yaw - led)).T
+                turned = turned @ planar_rotation(weight @ np.unwrap(yaw - led)).T
             center = np.einsum("tc,tci->i", share, corners[run, foot, :, :2] - turned)
             placed[run, foot, :, :2] = turned + center
             placed[run, foot, :, 2] = 0.0
     return placed
-
-
-def _turn(yaw: Array) -> Array:
-    """(…, 2, 2) rotations about the vertical axis."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
 
 
 def clearance(contact: BoolArray, height: float, rate: float) -> Array:

@@ -14,6 +14,7 @@ from robomirror_drake.optimization.plan_penalty import Penalty, Rows
 from robomirror_drake.optimization.plan_problem import GROUPS, Evaluation, Problem
 from robomirror_drake.optimization.plan_step import StepModel
 from robomirror_drake.optimization.plan_torque import split_of
+from robomirror_drake.optimization.retarget_footholds import planar_rotation
 
 _CONTINUATION = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 NEAR, WARM = 3, 5
@@ -88,9 +89,8 @@ def moved_onto(phase: Array, held: Array) -> Array:
     middle, there = phase[0, :, :2].mean(axis=0), held[:, :2].mean(axis=0)
     a, b = phase[0, 0, :2] - middle, held[0, :2] - there
     angle = np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
-    c, s = np.cos(angle), np.sin(angle)
     moved = phase.copy()
-    moved[..., :2] = there + (phase[..., :2] - middle) @ np.array([[c, s], [-s, c]])
+    moved[..., :2] = there + (phase[..., :2] - middle) @ planar_rotation(angle).T
     return moved
 
 

@@ -125,6 +125,12 @@ def heading(sole: Array) -> Array:
     return np.asarray(np.arctan2(-across[:, 0], across[:, 1]))
 
 
+def planar_rotation(yaw: Array | float) -> Array:
+    """(…, 2, 2) rotations about the vertical axis."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+
+
 def pivot(yaw: Array, stands: BoolArray, corners: Array) -> Array:
     """(T, 4, 2) corners of a flat foot that turns about the middle of those that stand [m].
 
@@ -133,8 +139,7 @@ def pivot(yaw: Array, stands: BoolArray, corners: Array) -> Array:
         stands: (T, 4) which corners stand; about their mean the foot turns to its next sample.
         corners: (4, 3) corners in the frame of the foot [m].
     """
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+    turn = planar_rotation(yaw)
     both = stands[1:] & stands[:-1]
     both = np.where(both.any(axis=1, keepdims=True), both, stands[:-1])
     middle = both @ corners[:, :2] / np.maximum(both.sum(axis=1, keepdims=True), 1)
