@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from robomirror_drake.messages import Array, RobotReference
+from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.plan_options import PlanOptions
 from robomirror_drake.optimization.plan_result import planned_reference
 from robomirror_drake.optimization.plan_setup import Knots, first_guess, limits, pad, problem
@@ -90,11 +89,12 @@ def _at_tempo(
     intervals = max(5, round(duration / options.knot_spacing))
     knots = Knots(duration / intervals, intervals)
     made, standing = problem(robot, padded, knots, options)
-    guess = first_guess(padded, knots)
-    if near is not None:
+    basis = knots.basis(padded.time)
+    if near is None:
+        guess = first_guess(padded, knots)
+    else:
         # Most of the way from the reference to its plan is the same at any tempo.
-        old, new = np.linspace(0.0, 1.0, len(near.control)), np.linspace(0.0, 1.0, len(guess))
-        guess = np.stack([np.interp(new, old, column) for column in near.control.T], axis=1)
+        guess = spline.stretched(near.control, basis.points)
     solution = solve(
         made,
         standing,
@@ -104,6 +104,5 @@ def _at_tempo(
         tolerance=options.tolerance,
         level=0 if near is None else NEAR,
     )
-    basis = knots.basis(padded.time)
     plan = planned_reference(robot, reference, padded, basis, solution.control, options)
     return _Plan(plan, solution.control, tempo)

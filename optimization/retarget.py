@@ -257,10 +257,7 @@ def _warm_start(problem: Problem, warm: Warm) -> Array:
     points = len(start)
     if warm.shift is None:
         # A neighbour moves alike in its own tempo; the path over the floor is one's own.
-        at = np.linspace(0.0, len(old) - 1.0, points)
-        before = np.minimum(at.astype(int), len(old) - 2)
-        blend = (at - before)[:, None]
-        start[:, 3:] = ((1.0 - blend) * old[before] + blend * old[before + 1])[:, 3:]
+        start[:, 3:] = spline.stretched(old, points)[:, 3:]
         return start
     moved = old[warm.shift :][:points]
     gap = moved[-1, :3] - start[len(moved) - 1, :3]

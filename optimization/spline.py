@@ -212,6 +212,14 @@ def fit(basis: Basis, samples: Array, smoothing: float = 1e-8) -> Array:
     return substitute(factorize(band), spread_gradient(basis, np.ascontiguousarray(samples)))
 
 
+def stretched(control: Array, count: int) -> Array:
+    """(count, n) control points of about the same motion over another number of knots."""
+    at = np.linspace(0.0, len(control) - 1.0, count)
+    before = np.minimum(at.astype(int), len(control) - 2)
+    blend = (at - before)[:, None]
+    return np.asarray((1.0 - blend) * control[before] + blend * control[before + 1])
+
+
 @njit(cache=True)
 def _evaluate(first, weights, control):  # type: ignore[no-untyped-def]
     samples, n = len(first), control.shape[1]
