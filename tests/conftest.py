@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from robomirror_drake.messages import Execution, HumanMotion, RobotReference
+from robomirror_drake.optimization import spline
+from robomirror_drake.optimization.plan_options import PlanOptions
 
 RATE = 60.0
 
@@ -47,6 +49,21 @@ def make_execution() -> Callable[..., Execution]:
         return dataclasses.replace(perfect, **changes)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def resampled() -> Callable[[RobotReference, float], tuple[np.ndarray, ...]]:
+    """Times and x, ẋ, ẍ of a plan at any rate, by a spline through its samples."""
+
+    def sample(plan: RobotReference, rate: float) -> tuple[np.ndarray, ...]:
+        intervals = max(5, round(plan.duration / PlanOptions().knot_spacing))
+        spacing, points = plan.duration / intervals, intervals + spline.ORDER - 1
+        fitted = spline.fit(spline.basis(plan.time, spacing, points), plan.q, smoothing=1e-12)
+        time = np.arange(0.0, plan.duration, 1 / rate)
+        at = spline.basis(time, spacing, points)
+        return time, *(spline.evaluate(at, fitted, order) for order in range(3))
+
+    return sample
 
 
 @pytest.fixture(scope="session")

@@ -53,9 +53,7 @@ def posed(time: np.ndarray, angles: dict[str, np.ndarray], height=0.0) -> np.nda
 
 def corners_of(q: np.ndarray) -> np.ndarray:
     """(T, 2, 4, 3) sole corners in world."""
-    links = centroidal.sample(
-        ROBOT, list(ROBOT.foot_frames), q, 0 * q, 0 * q, derivatives=False
-    ).links
+    links = centroidal.link_poses(ROBOT, list(ROBOT.foot_frames), q)
     turned = np.einsum("tfij,fcj->tfci", links[..., :3, :3], ROBOT.sole_corners)
     return turned + links[:, :, None, :3, 3]
 
@@ -116,17 +114,9 @@ def planned(make) -> RobotReference:
     return plan_dynamics(ROBOT, make())
 
 
-def wrench_between(plan: RobotReference, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, wrench and x at a higher rate, from a spline through the plan's samples."""
-    duration = plan.duration
-    count = max(5, round(duration / PlanOptions().knot_spacing))
-    spacing = duration / count
-    fitted = spline.fit(spline.basis(plan.time, spacing, count + 3), plan.q, smoothing=1e-12)
-    time = np.arange(0.0, duration, 1 / rate)
-    at = spline.basis(time, spacing, count + 3)
-    x, xd, xdd = (spline.evaluate(at, fitted, order) for order in range(3))
-    samples = centroidal.sample(ROBOT, [], x, xd, xdd, derivatives=False)
-    return time, samples.wrench, x
+def wrench_of(*trajectory: np.ndarray) -> np.ndarray:
+    """(T, 6) wrench that x, ẋ, ẍ need."""
+    return centroidal.sample(ROBOT, [], *trajectory, derivatives=False).wrench
 
 
 @pytest.mark.parametrize("make", [squat, lifted_foot, hop])
@@ -140,9 +130,10 @@ def test_starts_and_ends_at_rest_on_both_feet(make) -> None:
 
 
 @pytest.mark.parametrize("make", [squat, lifted_foot])
-def test_centre_of_pressure_is_within_the_support_at_200_hz(make) -> None:
+def test_centre_of_pressure_is_within_the_support_at_200_hz(make, resampled) -> None:
     plan = planned(make)
-    time, wrench, x = wrench_between(plan, 200.0)
+    time, x, xd, xdd = resampled(plan, 200.0)
+    wrench = wrench_of(x, xd, xdd)
     loaded = loaded_corners(plan.contact, time * RATE, 0.0)
     feet = corners_of(centroidal.unit_quaternions(x))
     for t in range(len(time)):
@@ -166,8 +157,8 @@ def test_feet_stay_within_2_mm_in_stance(make) -> None:
 
 def test_weight_is_shifted_before_a_foot_is_lifted() -> None:
     raw, plan = lifted_foot(), planned(lifted_foot)
-    away = centroidal.sample(ROBOT, [], raw.q, 0 * raw.q, 0 * raw.q, derivatives=False)
-    assert -away.wrench[60, 1] / away.wrench[60, 5] < 1.0  # the reference is a pose, not flight
+    away = wrench_of(raw.q, 0 * raw.q, 0 * raw.q)
+    assert -away[60, 1] / away[60, 5] < 1.0  # the reference is a pose, not flight
     load = plan.foot_force[:, :, 5]
     air = ~plan.contact[:, 0].any(axis=1)
     assert np.all(load[air, 0] == 0.0)
@@ -175,11 +166,12 @@ def test_weight_is_shifted_before_a_foot_is_lifted() -> None:
     assert plan.residuals["distance_to_raw"] < 0.08
 
 
-def test_flight_is_ballistic() -> None:
+def test_flight_is_ballistic(resampled) -> None:
     plan = planned(hop)
     air = ~plan.contact.any(axis=(1, 2))
     assert air.sum() > 12
-    _, wrench, _ = wrench_between(plan, RATE)
+    _, *trajectory = resampled(plan, RATE)
+    wrench = wrench_of(*trajectory)
     inner = np.flatnonzero(air)[2:-2]
     assert np.max(np.abs(wrench[inner, 3:])) < 0.03 * WEIGHT
     assert np.all(plan.foot_force[air] == 0.0)
@@ -193,9 +185,10 @@ def test_swing_foot_clears_the_ground() -> None:
     assert heights[len(heights) // 2] > 0.025
 
 
-def test_foot_forces_carry_the_wrench_within_friction() -> None:
+def test_foot_forces_carry_the_wrench_within_friction(resampled) -> None:
     plan = planned(lifted_foot)
-    _, wrench, _ = wrench_between(plan, RATE)
+    _, *trajectory = resampled(plan, RATE)
+    wrench = wrench_of(*trajectory)
     force = plan.foot_force[: len(wrench)]
     np.testing.assert_allclose(force[..., 3:].sum(axis=1), wrench[:, 3:], atol=0.02 * WEIGHT)
     tangential = np.abs(force[..., 3:5]).max(axis=-1)

@@ -9,9 +9,9 @@ import pytest
 
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization import centroidal, spline
+from robomirror_drake.optimization import centroidal
 from robomirror_drake.optimization.contact_schedule import runs
-from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
+from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.optimization.plan_contacts import anchors, hull_edges
 from robomirror_drake.optimization.plan_schedule import loaded_corners, standing_end, steady
 from robomirror_drake.optimization.retarget import retarget
@@ -24,9 +24,7 @@ REST = np.zeros(40)
 
 def corners_of(q: np.ndarray) -> np.ndarray:
     """(T, 2, 4, 3) sole corners in world."""
-    links = centroidal.sample(
-        ROBOT, list(ROBOT.foot_frames), q, 0 * q, 0 * q, derivatives=False
-    ).links
+    links = centroidal.link_poses(ROBOT, list(ROBOT.foot_frames), q)
     turned = np.einsum("tfij,fcj->tfci", links[..., :3, :3], ROBOT.sole_corners)
     return turned + links[:, :, None, :3, 3]
 
@@ -126,28 +124,17 @@ def planned(clip: str) -> RobotReference:
     return plan_dynamics(ROBOT, retarget(ROBOT, load_clip(clip)))
 
 
-def soles_at(plan: RobotReference, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, sole corners (T, 2, 4, 3) and wrenches (T, 6) of the plan's own spline."""
-    intervals = max(5, round(plan.duration / PlanOptions().knot_spacing))
-    spacing = plan.duration / intervals
-    fitted = spline.fit(spline.basis(plan.time, spacing, intervals + 3), plan.q, smoothing=1e-12)
-    time = np.arange(0.0, plan.duration, 1 / rate)
-    at = spline.basis(time, spacing, intervals + 3)
-    x, xd, xdd = (spline.evaluate(at, fitted, order) for order in range(3))
-    samples = centroidal.sample(ROBOT, list(ROBOT.foot_frames), x, xd, xdd, derivatives=False)
-    turned = np.einsum("tfij,fcj->tfci", samples.links[..., :3, :3], ROBOT.sole_corners)
-    return time, turned + samples.links[:, :, None, :3, 3], samples.wrench
-
-
 @pytest.mark.parametrize(
     ("clip", "most"),
     [("walk", 0.015), ("turn_right0", 0.015), ("jump", 0.03), ("kick", 0.03), ("punch", 0.03)],
 )
-def test_a_plan_of_a_real_motion_keeps_to_its_contacts_at_200_hz(clip: str, most: float) -> None:
+def test_a_plan_of_a_real_motion_keeps_to_its_contacts_at_200_hz(clip, most, resampled) -> None:
     """The moment by which the ground would tip a sole, in body weights times metres, is small."""
     plan = planned(clip)
     assert plan.residuals["dynamic_violation"] < 0.03
-    time, soles, wrench = soles_at(plan, 200.0)
+    time, x, xd, xdd = resampled(plan, 200.0)
+    soles = corners_of(x)
+    wrench = centroidal.sample(ROBOT, [], x, xd, xdd, derivatives=False).wrench
     weight, friction = ROBOT.mass * centroidal.GRAVITY, ROBOT.spec.contact.friction
     # Between two frames with different contacts, the switch may be at either.
     frames = np.minimum(time * 60.0, len(plan.contact) - 1.0)

@@ -8,8 +8,8 @@ import pinocchio as pin
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization import centroidal, spline
-from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
+from robomirror_drake.optimization import centroidal
+from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.optimization.plan_contacts import ConeOptions
 from robomirror_drake.optimization.plan_torque import Split, joint_torques, split_of
 from robomirror_drake.optimization.retarget import retarget
@@ -96,14 +96,10 @@ def test_split_sums_up_and_loads_only_feet_on_the_ground() -> None:
     assert np.all(feet[:8, :, 5] > 0.1 * WEIGHT)
 
 
-def torques_at(plan: RobotReference, rate: float) -> np.ndarray:
-    """(T, 23) torques of a plan between its samples, its foot forces interpolated."""
-    count = max(5, round(plan.duration / PlanOptions().knot_spacing))
-    spacing = plan.duration / count
-    fitted = spline.fit(spline.basis(plan.time, spacing, count + 3), plan.q, smoothing=1e-12)
-    time = np.arange(0.0, plan.duration, 1 / rate)
-    basis = spline.basis(time, spacing, count + 3)
-    x, xd, xdd = (spline.evaluate(basis, fitted, order) for order in range(3))
+def torques_of(
+    plan: RobotReference, time: np.ndarray, x: np.ndarray, xd: np.ndarray, xdd: np.ndarray
+) -> np.ndarray:
+    """(T, 23) torques of a plan that moves so, its foot forces interpolated."""
     samples = centroidal.sample(ROBOT, list(ROBOT.foot_frames), x, xd, xdd, derivatives=False)
     centers = ROBOT.sole_corners.mean(axis=1)
     centers = np.einsum("tfij,fj->tfi", samples.links[..., :3, :3], centers)
@@ -117,11 +113,11 @@ def torques_at(plan: RobotReference, rate: float) -> np.ndarray:
     return joint_torques(ROBOT, samples, split, CARRIES)[0]
 
 
-def test_a_real_jump_needs_no_more_torque_than_there_is() -> None:
+def test_a_real_jump_needs_no_more_torque_than_there_is(resampled) -> None:
     motion = load_clip("jump")
     raw = retarget(ROBOT, motion, foot_contacts(motion))
     plan = plan_dynamics(ROBOT, raw)
-    torque = np.abs(torques_at(plan, 200.0)) / ROBOT.effort_limits
+    torque = np.abs(torques_of(plan, *resampled(plan, 200.0))) / ROBOT.effort_limits
     assert torque.max() < 1.0
     assert np.mean(torque > 0.8) < 4e-3
     assert plan.residuals["distance_to_raw"] < 0.11
