@@ -14,9 +14,9 @@ from robomirror_drake.motion.body import (
     LEG,
     MASS_WEIGHTS,
     TOE_HEIGHT,
-    bone_lengths,
     center_of_mass,
 )
+from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.composer.balance import GRAVITY, angular_moment, center_of_mass_path
 from robomirror_drake.motion.composer.compose import compose
 from robomirror_drake.motion.composer.cue import Style

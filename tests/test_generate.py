@@ -7,7 +7,7 @@ import pytest
 from pydrake.common.value import Value
 
 from robomirror_drake.exceptions import InputError, PortError, UnknownCommandError
-from robomirror_drake.motion.body import bone_lengths
+from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.generate import GeneratorOptions, draw_style, generate
 from robomirror_drake.motion.skeleton import INDEX
 from robomirror_drake.systems.motion_generator import MotionGenerator

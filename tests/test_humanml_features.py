@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robomirror_drake.motion import humanml_features as hml
-from robomirror_drake.motion.body import bone_lengths
+from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.generate import generate
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.motion.recorded import neutral

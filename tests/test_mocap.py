@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from robomirror_drake.exceptions import MotionFileError
-from robomirror_drake.motion.checks import bone_lengths, stature
+from robomirror_drake.motion.bones import bone_lengths
+from robomirror_drake.motion.checks import stature
 from robomirror_drake.motion.ground import clearance, heading
 from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS, list_clips, load_clip
 from robomirror_drake.motion.skeleton import INDEX

@@ -11,7 +11,7 @@ import torch
 from torch.nn import functional
 
 from robomirror_drake.exceptions import ConfigError, InputError, UnknownCommandError
-from robomirror_drake.motion.checks import bone_lengths
+from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.generate import GeneratorOptions, generate
 from robomirror_drake.motion.humanml_features import to_features
 from robomirror_drake.motion.learned import checkpoint

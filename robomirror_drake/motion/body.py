@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.skeleton import INDEX, JOINTS, PARENTS
+from robomirror_drake.motion.skeleton import INDEX, JOINTS
 
 SIDES: tuple[str, str] = ("left", "right")
 
@@ -85,12 +85,6 @@ def center_of_mass(positions: Array) -> Array:
     """(..., 3) centre of mass of a body with joints at ``positions`` (..., 22, 3) [m]."""
     com: Array = np.einsum("j,...jk->...k", MASS_WEIGHTS, positions)
     return com
-
-
-def bone_lengths(positions: Array) -> Array:
-    """(..., 21) distance of each joint but the pelvis from its parent [m]."""
-    lengths: Array = np.linalg.norm(positions[..., 1:, :] - positions[..., PARENTS[1:], :], axis=-1)
-    return lengths
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ import numpy as np
 
 from robomirror_drake.exceptions import MotionFileError
 from robomirror_drake.messages import Array, HumanMotion
+from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.ground import FEET, ground, heading
-from robomirror_drake.motion.skeleton import INDEX, PARENTS
+from robomirror_drake.motion.skeleton import INDEX
 
 MIN_DURATION = 0.5
 """Shortest motion accepted [s]."""
@@ -47,12 +48,6 @@ def read_text(path: Path | str) -> str:
         return path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise MotionFileError(path, f"cannot be read: {error}") from error
-
-
-def bone_lengths(positions: Array) -> Array:
-    """(T, 21) distance of each joint but the pelvis from its parent [unit of positions]."""
-    lengths: Array = np.linalg.norm(positions[:, 1:] - positions[:, PARENTS[1:]], axis=2)
-    return lengths
 
 
 def stature(positions: Array) -> float:

@@ -29,7 +29,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.skeleton import INDEX, PARENTS
+from robomirror_drake.motion.bones import along_bones, bones
+from robomirror_drake.motion.skeleton import INDEX
 
 FPS = 20.0
 """Frame rate of every HumanML3D motion [1/s]."""
@@ -136,16 +137,11 @@ def with_lengths(positions: Array, lengths: Array) -> Array:
     The pelvis' path is scaled by the ratio of the right leg's length, as HumanML3D does to
     bring everybody to one skeleton.
     """
-    bones = positions[..., 1:, :] - positions[..., PARENTS[1:], :]
-    old = np.linalg.norm(bones, axis=-1, keepdims=True)
+    vectors = bones(positions)
+    old = np.linalg.norm(vectors, axis=-1, keepdims=True)
     leg = [INDEX["right_knee"] - 1, INDEX["right_ankle"] - 1]
     scale = lengths[leg].sum() / old[..., :1, leg, 0].sum(axis=-1)
-    bones = bones / old * lengths[:, None]
-    joints = np.empty_like(positions)
-    joints[..., 0, :] = positions[..., 0, :] * scale[..., None]
-    for j in range(1, 22):
-        joints[..., j, :] = joints[..., PARENTS[j], :] + bones[..., j - 1, :]
-    return joints
+    return along_bones(positions[..., 0, :] * scale[..., None], vectors / old * lengths[:, None])
 
 
 def _recover_root(features: Array) -> tuple[Array, Array]:

@@ -9,13 +9,20 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.body import SHANK, SIDES, THIGH, bone_lengths
+from robomirror_drake.motion.body import SHANK, THIGH
+from robomirror_drake.motion.bones import (
+    LEGS,
+    along_bones,
+    bone_lengths,
+    bones,
+    bring_ankles,
+    mirrored,
+)
 from robomirror_drake.motion.composer.cue import Cue
 from robomirror_drake.motion.composer.perform import perform, upper_envelope
 from robomirror_drake.motion.composer.score import MINIMUM_JERK, Score
 from robomirror_drake.motion.ground import clearance, face_forward, ground, heading
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.motion.skeleton import INDEX, JOINTS, PARENTS
 
 APPROACH = 1.2
 """Time from neutral stance to the first frame, and from the last back [s]."""
@@ -25,10 +32,6 @@ STEP_LIFT = 0.06
 """How high the free foot is lifted between neutral stance and the recording [m]."""
 FLOOR_WINDOW = 0.3
 """Time over which the body makes way where a recorded foot is below the floor [s]."""
-
-_MIRROR = [
-    INDEX[n.replace("left", "?").replace("right", "left").replace("?", "right")] for n in JOINTS
-]
 
 
 def play(name: str, cue: Cue, fps: float) -> Array:
@@ -40,7 +43,7 @@ def play(name: str, cue: Cue, fps: float) -> Array:
     motion = face_forward(load_clip(name))
     positions = _eased(motion.positions, motion.fps * cue.tempo, fps)
     if cue.style.mirrored:
-        positions = positions[:, _MIRROR] * [1.0, -1.0, 1.0]
+        positions = mirrored(positions)
     positions = ground(_on_our_bones(positions))
     there = _approach(positions[0], fps)
     back = _approach(positions[-1], fps)[::-1]
@@ -77,19 +80,14 @@ def _eased(positions: Array, recorded_fps: float, fps: float) -> Array:
 
 def _directions(positions: Array) -> Array:
     """(..., 21, 3) unit vector of each bone."""
-    bones = positions[..., 1:, :] - positions[..., PARENTS[1:], :]
-    unit: Array = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
+    vectors = bones(positions)
+    unit: Array = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     return unit
 
 
 def _chain(pelvis: Array, directions: Array) -> Array:
     """(..., 22, 3) joints of our body with its bones along ``directions`` (..., 21, 3)."""
-    bones = directions * bone_lengths(neutral(60.0))[:, None]
-    joints = np.empty((*directions.shape[:-2], len(JOINTS), 3))
-    joints[..., 0, :] = pelvis
-    for j in range(1, len(JOINTS)):
-        joints[..., j, :] = joints[..., PARENTS[j], :] + bones[..., j - 1, :]
-    return joints
+    return along_bones(pelvis, directions * bone_lengths(neutral(60.0))[:, None])
 
 
 def _on_our_bones(positions: Array) -> Array:
@@ -108,7 +106,8 @@ def _approach(frame: Array, fps: float) -> Array:
     c, sn = np.cos(yaw), np.sin(yaw)
     start = neutral(fps) @ np.array([[c, sn, 0.0], [-sn, c, 0.0], [0.0, 0.0, 1.0]])
     foot = int(clearance(frame[None])[0].mean(axis=1).argmin())
-    stance, free = (INDEX[f"{SIDES[k]}_ankle"] for k in (foot, 1 - foot))
+    leg = LEGS[[1 - foot]]
+    stance, free, toe = LEGS[foot, 2], leg[0, 2], leg[0, 3]
     start = start + (frame[stance] - start[stance]) * [1.0, 1.0, 0.0]
     directions = _slerp(_directions(start), _directions(frame), s)
     points = _chain(np.zeros((len(s), 3)), directions)
@@ -118,7 +117,9 @@ def _approach(frame: Array, fps: float) -> Array:
     across = np.polynomial.polynomial.polyval(np.clip((u - 0.2) / 0.6, 0.0, 1.0), MINIMUM_JERK)
     target = start[free] + np.column_stack([across, across, s]) * (frame[free] - start[free])
     target[:, 2] += STEP_LIFT * 64.0 * (u * (1.0 - u)) ** 3
-    _reach(points, SIDES[1 - foot], target)
+    bring_ankles(
+        points, leg, target[:, None], (points[:, toe] - points[:, free])[:, None], THIGH, SHANK
+    )
     return points
 
 
@@ -131,20 +132,3 @@ def _slerp(start: Array, end: Array, s: Array) -> Array:
     between = np.where(angle > 1e-6, turned, start)
     unit: Array = between / np.linalg.norm(between, axis=-1, keepdims=True)
     return unit
-
-
-def _reach(points: Array, side: str, ankle: Array) -> None:
-    """Bring a leg's ankle to (T, 3) targets, its knee on the side where it is."""
-    hip, knee, end, toe = (INDEX[f"{side}_{j}"] for j in ("hip", "knee", "ankle", "foot"))
-    reach = ankle - points[:, hip]
-    distance = np.linalg.norm(reach, axis=1, keepdims=True)
-    axis = reach / distance
-    distance = np.clip(distance, abs(THIGH - SHANK) + 1e-3, 0.999 * (THIGH + SHANK))
-    bend = points[:, knee] - points[:, hip]
-    bend -= np.sum(bend * axis, axis=1, keepdims=True) * axis
-    bend /= np.linalg.norm(bend, axis=1, keepdims=True)
-    along = (THIGH**2 - SHANK**2 + distance**2) / (2.0 * distance)
-    foot = points[:, toe] - points[:, end]
-    points[:, knee] = points[:, hip] + along * axis + np.sqrt(THIGH**2 - along**2) * bend
-    points[:, end] = points[:, hip] + distance * axis
-    points[:, toe] = points[:, end] + foot

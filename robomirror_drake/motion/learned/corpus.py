@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robomirror_drake.exceptions import InputError, ResultError
 from robomirror_drake.messages import Array, HumanMotion
-from robomirror_drake.motion.body import bone_lengths
+from robomirror_drake.motion.bones import bone_lengths, mirrored
 from robomirror_drake.motion.generate import GeneratorOptions, generate
 from robomirror_drake.motion.humanml_features import CONTACTS, FPS, to_features, with_lengths
 from robomirror_drake.motion.learned.dataset import MAX_FRAMES, MIN_FRAMES, SPLITS
@@ -25,7 +25,6 @@ from robomirror_drake.motion.learned.wording import draw_command
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.motion.recorded import neutral
 from robomirror_drake.motion.resample import resample, time_scale
-from robomirror_drake.motion.skeleton import INDEX, JOINTS
 from robomirror_drake.motion.text import Clause
 
 CLIP_CAPTIONS: dict[str, tuple[str, ...]] = {
@@ -44,9 +43,6 @@ CLIP_CAPTIONS: dict[str, tuple[str, ...]] = {
 
 _LONGEST_NOMINAL = 1.1  # of the longest motion used; faster styles may still fit
 _TEMPOS = (0.9, 1.0, 1.1)
-_MIRROR = [
-    INDEX[n.replace("left", "?").replace("right", "left").replace("?", "right")] for n in JOINTS
-]
 
 
 class CorpusOptions(BaseModel):
@@ -158,7 +154,7 @@ def _variants(clip: HumanMotion) -> Iterator[HumanMotion]:
     for tempo in _TEMPOS:
         motion = resample(time_scale(clip, 1.0 / tempo), FPS)
         yield motion
-        yield replace(motion, positions=motion.positions[:, _MIRROR] * [1.0, -1.0, 1.0])
+        yield replace(motion, positions=mirrored(motion.positions))
 
 
 def _features(motion: HumanMotion) -> Array:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robomirror_drake.exceptions import ConfigError, InputError
 from robomirror_drake.messages import Array
-from robomirror_drake.motion.checks import bone_lengths
+from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.humanml_features import FPS, recover_from_ric, to_features
 from robomirror_drake.motion.learned import checkpoint, metrics
 from robomirror_drake.motion.learned.batches import padded

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.motion.bones import LEGS, bring_ankles
 from robomirror_drake.motion.humanml_features import with_lengths
-from robomirror_drake.motion.skeleton import INDEX
 
 PLANTED_HEIGHT = 0.06
 """Highest toe of a planted foot above the floor of the motion [m]."""
@@ -24,8 +24,6 @@ CLEARANCE = 0.06
 CLEAR_SPEED = 0.5
 """Speed along the floor that only a lifted foot has [m/s]."""
 
-_LEGS = np.array([[INDEX[f"{side}_{j}"] for j in ("hip", "knee", "ankle", "foot")]
-                  for side in ("left", "right")])  # fmt: skip
 _FLOOR_PERCENTILE = 5.0  # of the toes' heights
 _SHORTEST_STANCE, _LONGEST_GAP = 0.15, 0.05  # [s]
 _LIFT_SMOOTHING = 0.04  # of what lifts a moving foot, standard deviation [s]
@@ -39,10 +37,10 @@ def make_whole(positions: Array, lengths: Array, fps: float) -> Array:
     of what both need together moves the whole body along the floor, smoothly; the legs do the
     rest. The floor of each motion comes to y = 0.
     """
-    toes = positions[:, :, _LEGS[:, 3]]
+    toes = positions[:, :, LEGS[:, 3]]
     floor = np.percentile(toes[..., 1], _FLOOR_PERCENTILE, axis=(1, 2))
     positions = positions - floor[:, None, None, None] * [0.0, 1.0, 0.0]
-    toes = positions[:, :, _LEGS[:, 3]]
+    toes = positions[:, :, LEGS[:, 3]]
     speed = np.linalg.norm(np.gradient(toes[..., [0, 2]], axis=1), axis=-1) * fps
     contact = (toes[..., 1] < PLANTED_HEIGHT) & (speed < PLANTED_SPEED)
     frames = positions.shape[1]
@@ -56,9 +54,12 @@ def make_whole(positions: Array, lengths: Array, fps: float) -> Array:
     shift[..., 1] += _lift(toes + shift, fps)
     along = shift.mean(axis=2) * [1.0, 0.0, 1.0]
     body = gaussian_filter1d(along, _BODY_SMOOTHING * fps, axis=1, mode="nearest")
-    ankles = positions[:, :, _LEGS[:, 2]] + shift
+    ankles = positions[:, :, LEGS[:, 2]] + shift
     whole = with_lengths(positions, lengths) + body[:, :, None]
-    _reach(whole, ankles, toes + shift - ankles, lengths)
+    feet = toes + shift - ankles  # keep their direction and get their length
+    thigh, shank, foot = (lengths[joint - 1][:, None] for joint in LEGS.T[1:])
+    feet = foot * (feet / np.linalg.norm(feet, axis=-1, keepdims=True))
+    bring_ankles(whole, LEGS, ankles, feet, thigh, shank)
     return whole
 
 
@@ -118,25 +119,3 @@ def _stance_end(contact: BoolArray, start: int, gap: int) -> int:
             return start
         t += 1
     return end
-
-
-def _reach(body: Array, ankles: Array, feet: Array, lengths: Array) -> None:
-    """Bring the ankles of bodies (B, T, 22, 3) to (B, T, 2, 3), knees on the side where they are.
-
-    Feet (B, T, 2, 3), from ankle to toe, keep their direction and get their length.
-    """
-    hip, knee, ankle, toe = _LEGS.T
-    thigh, shank, foot = (lengths[joint - 1][:, None] for joint in (knee, ankle, toe))
-    reach = ankles - body[:, :, hip]
-    distance = np.linalg.norm(reach, axis=-1, keepdims=True)
-    axis = reach / distance
-    distance = np.clip(distance, np.abs(thigh - shank) + 1e-3, 0.999 * (thigh + shank))
-    bend = body[:, :, knee] - body[:, :, hip]
-    bend -= (bend * axis).sum(axis=-1, keepdims=True) * axis
-    bend /= np.maximum(np.linalg.norm(bend, axis=-1, keepdims=True), 1e-9)
-    along = (thigh**2 - shank**2 + distance**2) / (2.0 * distance)
-    side = np.sqrt(np.maximum(thigh**2 - along**2, 0.0))
-    body[:, :, knee] = body[:, :, hip] + along * axis + side * bend
-    body[:, :, ankle] = body[:, :, hip] + distance * axis
-    direction = feet / np.linalg.norm(feet, axis=-1, keepdims=True)
-    body[:, :, toe] = body[:, :, ankle] + foot * direction
