@@ -109,17 +109,36 @@ def read_candidates(path: Path) -> tuple[HumanMotion, ...]:
         raise ResultError(f"{path}: {error}") from error
 
 
+def to_column(array: npt.NDArray[Any]) -> pa.Array:
+    """An array as a column, rows first; what a row has more than one number of is a list."""
+    flat = pa.array(array.reshape(-1))
+    if array.ndim == 1:
+        return flat
+    return pa.FixedSizeListArray.from_arrays(flat, int(np.prod(array.shape[1:])))
+
+
+def column_notes(unit: str, description: str, shape: tuple[int, ...]) -> dict[str, str]:
+    """What a column's metadata say; ``shape`` is that of one row."""
+    return {"unit": unit, "description": description, "shape": json.dumps(shape)}
+
+
+def rows_in_shape(table: pa.Table, name: str) -> npt.NDArray[Any]:
+    """A column of a table as an array, rows first and in the shape that its metadata say."""
+    column = table.schema.field(name)
+    values = table[name].combine_chunks()
+    flat = values.flatten() if pa.types.is_fixed_size_list(column.type) else values
+    shape = json.loads(column.metadata[b"shape"])
+    return np.asarray(flat.to_numpy(zero_copy_only=False).reshape(len(table), *shape))
+
+
 def _table(
     columns: Mapping[str, tuple[npt.NDArray[Any], tuple[str, str]]], message: Any
 ) -> pa.Table:
     """A table of arrays whose first axis is the rows, with documented columns."""
     arrays, schema = [], []
     for name, (array, (unit, description)) in columns.items():
-        width = int(np.prod(array.shape[1:]))
-        flat = pa.array(array.reshape(-1))
-        arrays.append(flat if array.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, width))
-        shape = json.dumps(array.shape[1:])
-        notes = {"unit": unit, "description": description, "shape": shape}
+        arrays.append(to_column(array))
+        notes = column_notes(unit, description, array.shape[1:])
         schema.append(pa.field(name, arrays[-1].type, nullable=False, metadata=notes))
     text = json.dumps(message, ensure_ascii=False, default=float)  # numpy scalars are floats
     return pa.Table.from_arrays(arrays, schema=pa.schema(schema, metadata={"message": text}))
@@ -129,12 +148,7 @@ def _read_table(path: Path) -> tuple[dict[str, Any], Any]:
     """The columns of a file with their rows in shape, and its message."""
     try:
         table = pq.read_table(path)
-        arrays = {}
-        for column in table.schema:
-            values = table[column.name].combine_chunks()
-            flat = values.flatten() if pa.types.is_fixed_size_list(column.type) else values
-            shape = json.loads(column.metadata[b"shape"])
-            arrays[column.name] = flat.to_numpy(zero_copy_only=False).reshape(len(table), *shape)
+        arrays = {name: rows_in_shape(table, name) for name in table.column_names}
         return arrays, json.loads(table.schema.metadata[b"message"])
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
         raise ResultError(f"{path}: {error}") from error

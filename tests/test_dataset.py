@@ -23,7 +23,6 @@ from robomirror_drake.dataset.columns import (
     episodes_table,
     frame_columns,
     frames_table,
-    rows_in_shape,
 )
 from robomirror_drake.dataset.generate import Progress, generate_dataset
 from robomirror_drake.dataset.options import DatasetOptions, draw_disturbance, stream
@@ -34,6 +33,7 @@ from robomirror_drake.dataset.shards import Store, check, encode, read_frames, r
 from robomirror_drake.dataset.summary import summarise
 from robomirror_drake.dataset.unit import Made
 from robomirror_drake.exceptions import InputError, ResultError
+from robomirror_drake.tables import rows_in_shape
 
 PROMPTS = tuple(
     Prompt(text=f"a person waves {n} times", group="expressive", actions=("wave",))

@@ -11,7 +11,6 @@ import pytest
 
 from robomirror_drake.config import Scenario
 from robomirror_drake.dataset import unit
-from robomirror_drake.dataset.columns import rows_in_shape
 from robomirror_drake.dataset.options import DatasetOptions
 from robomirror_drake.dataset.prompts import Prompt
 from robomirror_drake.dataset.records import Job
@@ -20,6 +19,7 @@ from robomirror_drake.dataset.windows import ERRORS, Track, label_windows
 from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.rollout import rollout
+from robomirror_drake.tables import rows_in_shape
 
 SCENARIO = Scenario.model_validate({"simulation": {"hold": 0.2}})
 

@@ -7,7 +7,6 @@ order) as field metadata; all real numbers are float32.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -16,7 +15,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from robomirror_drake.messages import Execution
-from robomirror_drake.tables import COLUMNS, FOOT_FORCE
+from robomirror_drake.tables import COLUMNS, FOOT_FORCE, column_notes, to_column
 
 
 class Column(NamedTuple):
@@ -127,12 +126,7 @@ EPISODE_COLUMNS: Final = (
 def frames_table(arrays: Mapping[str, npt.NDArray[Any]], joints: int) -> pa.Table:
     """Frames as a table; ``arrays`` has one array a column, rows first."""
     columns = frame_columns(joints)
-    made = []
-    for column in columns:
-        array = np.ascontiguousarray(arrays[column.name].astype(column.type.to_pandas_dtype()))
-        flat = pa.array(array.reshape(-1), type=column.type)
-        width = int(np.prod(column.shape))
-        made.append(pa.FixedSizeListArray.from_arrays(flat, width) if column.shape else flat)
+    made = [to_column(arrays[c.name].astype(c.type.to_pandas_dtype())) for c in columns]
     return pa.Table.from_arrays(made, schema=_schema(columns))
 
 
@@ -152,26 +146,13 @@ def episodes_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=_schema(EPISODE_COLUMNS))
 
 
-def rows_in_shape(table: pa.Table, name: str) -> npt.NDArray[Any]:
-    """A column of a table of frames as an array, rows first and in their shape."""
-    column = table.schema.field(name)
-    values = table[name].combine_chunks()
-    flat = values.flatten() if pa.types.is_fixed_size_list(column.type) else values
-    shape = json.loads(column.metadata[b"shape"])
-    return np.asarray(flat.to_numpy(zero_copy_only=False).reshape(len(table), *shape))
-
-
 def _schema(columns: Sequence[Column]) -> pa.Schema:
     return pa.schema(
         [
             pa.field(
                 column.name,
                 pa.list_(column.type, int(np.prod(column.shape))) if column.shape else column.type,
-                metadata={
-                    "unit": column.unit,
-                    "description": column.description,
-                    "shape": json.dumps(column.shape),
-                },
+                metadata=column_notes(column.unit, column.description, column.shape),
             )
             for column in columns
         ]

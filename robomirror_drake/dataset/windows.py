@@ -16,9 +16,6 @@ import numpy.typing as npt
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.outcome import tracking_errors
 
-HORIZONS: Final = (1.0, 3.0)
-"""How far ahead is looked [s]."""
-
 ERRORS: Final = ("A_q", "A_qd", "A_qdd", "A_p", "A_theta")
 """Columns of :attr:`Labels.errors`, as in :class:`~robomirror_drake.messages.Outcome`."""
 
