@@ -21,7 +21,7 @@ from typing import Final, Literal, NamedTuple, cast
 import numpy as np
 
 from robomirror_drake.disturbance import DisturbanceOptions, Push
-from robomirror_drake.disturbance_draw import draw, random_push
+from robomirror_drake.disturbance_draw import random_push
 from robomirror_drake.fall_signs import Sign, signs
 from robomirror_drake.messages import Array, Execution, Outcome, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
@@ -29,7 +29,8 @@ from robomirror_drake.optimization.centroidal_motion import CentroidalMotion, ce
 from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.outcome import LOADED_FORCE, evaluate, find_fall, until_fall
 from robomirror_drake.robot import FEET, Robot
-from robomirror_drake.simulation import SimulationOptions
+from robomirror_drake.simulation import SimulationOptions, draw_run
+from robomirror_drake.systems.pusher import full_force
 
 Cause = Literal[
     "reference_infeasible", "torque_saturated", "friction_lost", "contact_mismatch", "controller"
@@ -165,9 +166,7 @@ def earliest(time: Array, begin: int, seen: Sequence[Sign]) -> FallCause | None:
 def _pushed(time: Array, pushes: Sequence[Push], mass: float) -> Iterator[Sign]:
     """Pushes, which count as the controller's: it is there to take them."""
     for push in pushes:
-        given = push.speed or push.impulse or push.force
-        per_speed = 1.0 if push.speed else mass if push.impulse else mass / push.duration
-        speed = float(np.linalg.norm(np.array(given))) / per_speed
+        speed = float(np.linalg.norm(full_force(push, mass))) * push.duration / mass
         words = f"pushed by {speed:.2f} m/s at {push.time:.2f} s"
         during = (time >= push.time) & (time <= push.time + push.duration)
         if speed > PUSHED:
@@ -185,8 +184,7 @@ def judge(
         reference: What it was told.
         options: Of the physics, disturbances included.
     """
-    drawn = draw(options.disturbance, execution.seed, links=1 + len(robot.joint_names))
-    friction = options.friction if drawn.friction is None else drawn.friction
+    drawn, friction = draw_run(robot, options, execution.seed)
     limits = drawn.strength * robot.effort_limits
     pushes = pushes_until(options.disturbance, execution.seed, float(execution.time[-1]))
     outcome = evaluate(execution, limits, friction)

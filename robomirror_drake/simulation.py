@@ -97,8 +97,7 @@ def build_execution(
     """
     options = options or SimulationOptions()
     disturbance = options.disturbance
-    drawn = draw(disturbance, seed, links=1 + len(robot.joint_names))
-    friction = options.friction if drawn.friction is None else drawn.friction
+    drawn, friction = draw_run(robot, options, seed)
     control = options.controller
     if options.interface == "joint_target":
         control = control.model_copy(update={"period": 1.0 / options.target_rate})
@@ -148,6 +147,12 @@ def build_execution(
     log = LogVectorOutput(recorder.GetOutputPort("sample"), builder, publish_period=PERIOD)
     log.set_name("execution_log")
     return ExecutionSystems(*physics, controller, recorder, log, actuation, friction, drawn.start)
+
+
+def draw_run(robot: Robot, options: SimulationOptions, seed: int) -> tuple[Drawn, float]:
+    """What is constant during a run, and the friction between soles and ground."""
+    drawn = draw(options.disturbance, seed, links=1 + len(robot.joint_names))
+    return drawn, options.friction if drawn.friction is None else drawn.friction
 
 
 def _measured(

@@ -18,6 +18,15 @@ from robomirror_drake.messages import Array
 from robomirror_drake.robot import Robot
 
 
+def full_force(push: Push, mass: float) -> Array:
+    """(3,) force of a push while it lasts, in world [N]; see :func:`mean_force`."""
+    if push.force is not None:
+        return np.array(push.force)
+    if push.impulse is not None:
+        return np.array(push.impulse) / push.duration
+    return np.asarray(mass * np.array(push.speed) / push.duration)
+
+
 def mean_force(push: Push, mass: float, start: float, end: float) -> Array:
     """(3,) mean force of a push from ``start`` to ``end`` [s], in world [N].
 
@@ -27,13 +36,7 @@ def mean_force(push: Push, mass: float, start: float, end: float) -> Array:
     """
     overlap = min(end, push.time + push.duration) - max(start, push.time)
     share = max(overlap, 0.0) / (end - start)
-    if push.force is not None:
-        force = np.array(push.force)
-    elif push.impulse is not None:
-        force = np.array(push.impulse) / push.duration
-    else:
-        force = mass * np.array(push.speed) / push.duration
-    return share * force
+    return share * full_force(push, mass)
 
 
 class Pusher(LeafSystem):

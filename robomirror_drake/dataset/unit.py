@@ -24,7 +24,6 @@ from robomirror_drake.dataset.records import (
     push_of,
 )
 from robomirror_drake.dataset.shards import encode
-from robomirror_drake.disturbance_draw import draw
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.fall_cause import judge
 from robomirror_drake.messages import Execution, HumanMotion, RobotReference
@@ -33,6 +32,7 @@ from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.optimization.retarget import retarget_batch
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout
+from robomirror_drake.simulation import draw_run
 
 STAGES = ("generate", "retarget", "plan", "simulate", "write")
 
@@ -128,8 +128,7 @@ def _execute(job: Job, robot: Robot, plan: RobotReference, row: Row) -> Executio
     if kind == "nominal":
         disturbance = simulation.disturbance
     simulation = simulation.model_copy(update={"disturbance": disturbance})
-    drawn = draw(disturbance, seed, 1 + len(robot.joint_names))
-    friction = simulation.friction if drawn.friction is None else drawn.friction
+    drawn, friction = draw_run(robot, simulation, seed)
     row.update(
         kind=kind,
         seed=seed,
