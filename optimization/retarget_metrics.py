@@ -34,6 +34,7 @@ class RobotTables(NamedTuple):
         body: Its proportions.
         lower, upper: (J,) joint limits [rad].
         speed: (J,) joint velocity limits [rad/s].
+        knees: (J,) which joints are knees.
     """
 
     tree: Tree
@@ -44,6 +45,7 @@ class RobotTables(NamedTuple):
     lower: Array
     upper: Array
     speed: Array
+    knees: BoolArray
 
 
 def make_tables(robot: Robot) -> RobotTables:
@@ -60,6 +62,7 @@ def make_tables(robot: Robot) -> RobotTables:
         lower=lower,
         upper=upper,
         speed=robot.velocity_limits,
+        knees=robot.knees,
     )
 
 

@@ -109,12 +109,7 @@ def make_problem(
         capsules=tables.capsules,
         margin=options.collision_margin,
     )
-    knees = [
-        tables.keypoints.body[tables.body.keypoints.index(f"{s}_knee")] - 1
-        for s in ("left", "right")
-    ]
-    lower = tables.lower.copy()
-    lower[knees] = np.maximum(lower[knees], options.knee_min)
+    lower = np.where(tables.knees, np.maximum(tables.lower, options.knee_min), tables.lower)
     posture = np.concatenate([np.zeros(6), np.clip(standing, lower, tables.upper)])
     quadratic, linear = _quadratic(targets, whole, spacing, weights, posture)
     start = np.tile(posture, (whole.points, 1))
