@@ -10,10 +10,8 @@ from scipy.spatial import ConvexHull
 
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.body import (
-    ANKLE_HEIGHT,
     LEG,
     MASS_WEIGHTS,
-    TOE_HEIGHT,
     center_of_mass,
 )
 from robomirror_drake.motion.bones import bone_lengths
@@ -22,6 +20,7 @@ from robomirror_drake.motion.composer.compose import compose
 from robomirror_drake.motion.composer.cue import Style
 from robomirror_drake.motion.composer.score import Score
 from robomirror_drake.motion.generate import draw_style
+from robomirror_drake.motion.ground import ANKLE_HEIGHT, TOE_HEIGHT
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.skeleton import INDEX
 from robomirror_drake.motion.text import Clause

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from robomirror_drake.messages import Array
+from robomirror_drake.motion.ground import ANKLE_HEIGHT, TOE_HEIGHT
 from robomirror_drake.motion.skeleton import INDEX, JOINTS
 
 SIDES: tuple[str, str] = ("left", "right")
@@ -21,8 +22,6 @@ THIGH = 0.4165
 SHANK = 0.4182
 UPPER_ARM = 0.316
 FOREARM = 0.248
-ANKLE_HEIGHT = 0.08
-TOE_HEIGHT = 0.02
 ANKLE_TO_TOE = np.array([0.14, 0.0, TOE_HEIGHT - ANKLE_HEIGHT])
 HIP_HALF_WIDTH = 0.09
 HIP_DROP = 0.06

@@ -7,7 +7,6 @@ from scipy.ndimage import maximum_filter1d
 
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.body import (
-    ANKLE_HEIGHT,
     HIP_DROP,
     LEG,
     MASS_WEIGHTS,
@@ -20,6 +19,7 @@ from robomirror_drake.motion.body import (
 )
 from robomirror_drake.motion.composer.balance import angular_moment, center_of_mass_path
 from robomirror_drake.motion.composer.score import Score
+from robomirror_drake.motion.ground import ANKLE_HEIGHT
 
 NEUTRAL_PELVIS_HEIGHT = ANKLE_HEIGHT + 0.95 * LEG + HIP_DROP
 """Height of the pelvis in neutral stance [m]."""

@@ -8,7 +8,7 @@ this takes a fraction of one. Architecture: J. Devlin et al., "BERT", NAACL 2019
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,7 @@ def _weights() -> dict[str, Float32]:
     return dict(load_file(MODEL_DIR / "model.safetensors"))
 
 
+@lru_cache(maxsize=256)  # a command is first looked up and then generated from
 def _embed_one(sentence: str) -> Array:
     """Mean of the last layer over the tokens, of unit length."""
     tokens = np.array(_tokenizer().encode(sentence).ids)
