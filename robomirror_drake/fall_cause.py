@@ -86,7 +86,7 @@ def explain_fall(
         return None
     execution = until_fall(execution)
     limit = robot.effort_limits if effort_limit is None else effort_limit
-    row = np.searchsorted(reference.time, execution.time + 1e-9, side="right") - 1
+    row = reference.rows_at(execution.time)
     moving = (execution.time <= reference.duration)[:, None]
     told = centroidal_motion(
         robot, execution.q_ref, execution.v_ref, np.where(moving, reference.a[row], 0.0)

@@ -65,7 +65,7 @@ def signs(
     effort_limit: Array,
 ) -> Iterator[Sign]:
     """Every sign of an execution; where two begin together, the first one named comes first."""
-    row = np.searchsorted(reference.time, execution.time + 1e-9, side="right") - 1
+    row = reference.rows_at(execution.time)
     assert reference.foot_force is not None  # always set by the message itself
     weight = robot.mass * GRAVITY
     # After its end the reference stands still, and its last forces mean nothing any more.

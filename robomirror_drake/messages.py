@@ -174,6 +174,11 @@ class RobotReference(_Message):
         """Time of the last sample [s]."""
         return float(self.time[-1])
 
+    def rows_at(self, time: Array) -> npt.NDArray[np.intp]:
+        """(N,) the sample that (N,) times [s] are in, at the latest the last one."""
+        after = np.searchsorted(self.time, time + 1e-9, side="right")  # up to rounding
+        return np.maximum(after - 1, 0)
+
 
 @dataclass(frozen=True, eq=False)
 class Execution(_Message):

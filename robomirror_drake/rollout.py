@@ -113,7 +113,6 @@ def execution(
     time = log.sample_times()
     sample = systems.recorder.split(log.data().T)
     said = sample.diagnostics
-    row = np.searchsorted(reference.time, time + 1e-9, side="right") - 1
     return Execution(
         time=time,
         q=sample.q,
@@ -123,7 +122,7 @@ def execution(
         torque=sample.torque,
         foot_force=sample.foot_force,
         other_force=sample.other_force,
-        contact_ref=reference.contact[np.clip(row, 0, None)],
+        contact_ref=reference.contact[reference.rows_at(time)],
         qp_status=said.qp_failures,
         qp_slack=said.slack,
         contact_scheduled=said.planned_contact,
