@@ -8,9 +8,9 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DiscreteValues,
     EventStatus,
     LeafSystem,
-    State,
 )
 
 from robomirror_drake.messages import Array
@@ -67,9 +67,7 @@ class OutcomeRecorder(LeafSystem):
         )
         index = self.DeclareDiscreteState([np.inf])
         self.DeclareStateOutputPort("fall_time", index)
-        # An unrestricted update, as the plant's step is one: they come before discrete updates,
-        # which would see the state after the step where the log has the one before it.
-        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, self._look)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._look)
 
     def split(self, samples: Array) -> Sample:
         """Takes samples (…, size) apart."""
@@ -80,9 +78,9 @@ class OutcomeRecorder(LeafSystem):
     def _calc_sample(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.concatenate([port.Eval(context) for port in self._inputs]))
 
-    def _look(self, context: Context, state: State) -> EventStatus:
+    def _look(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         if np.isinf(context.get_discrete_state_vector()[0]):
             sample = self.split(self._sample.Eval(context))
             if any(fallen(sample.q, sample.q_ref, sample.other_force).values()):
-                state.get_mutable_discrete_state().set_value([context.get_time()])
+                discrete_state.set_value([context.get_time()])
         return EventStatus.Succeeded()

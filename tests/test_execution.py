@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.optimization.retarget import retarget
-from robomirror_drake.outcome import evaluate, fallen, find_fall
+from robomirror_drake.outcome import evaluate
 from robomirror_drake.robot import load_robot
 from robomirror_drake.rollout import rollout
 from robomirror_drake.simulation import SimulationOptions
-from robomirror_drake.systems import outcome_recorder
 
 
 @pytest.mark.parametrize("clip", ["walk", "turn_left1"])
@@ -33,25 +31,3 @@ def test_recorded_walking_stays_upright_through_the_hold(clip: str) -> None:
     # It steps, and it stands still in the end.
     assert (execution.foot_force[:, :, 2] == 0.0).any(axis=0).all()
     assert np.abs(execution.v[-1]).max() < 0.02
-
-
-def test_a_fall_is_looked_for_in_the_states_that_are_recorded(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    looked_at: list[Array] = []
-
-    def spy(q: Array, q_ref: Array, other_force: Array) -> dict[str, BoolArray]:
-        looked_at.append(q.copy())
-        return fallen(q, q_ref, other_force)
-
-    monkeypatch.setattr(outcome_recorder, "fallen", spy)
-    robot = load_robot()
-    options = SimulationOptions.model_validate(
-        {"after_fall": 0.0, "disturbance": {"pushes": [{"time": 0.05, "speed": [0.0, 3.0, 0.0]}]}}
-    )
-    execution = rollout(robot, retarget(robot, load_clip("walk")), options)
-    # Every third of them falls together with a step of the plant.
-    assert np.array_equal(looked_at, execution.q)
-    fall = find_fall(execution)
-    assert fall is not None
-    assert fall.sample == len(execution.time) - 1
