@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +10,11 @@ import pytest
 import yaml
 
 from robomirror_drake.exceptions import InputError, UnknownCommandError
-from robomirror_drake.motion.language import train
+from robomirror_drake.motion.language import intent, train
 from robomirror_drake.motion.language.classifier import UNKNOWN, classifier
 from robomirror_drake.motion.language.fragments import SUBJECT
 from robomirror_drake.motion.library import library
-from robomirror_drake.motion.text import Clause, parse
+from robomirror_drake.motion.text import parse
 
 DATA = Path(__file__).parent / "data"
 SUBJECTS = ("a person", "the man", "someone", "a woman", "the figure", "he", "she", "this person")
@@ -28,65 +26,43 @@ def load(name: str) -> Any:
     return yaml.safe_load((DATA / name).read_text(encoding="utf-8"))
 
 
-def readings(expected: str) -> list[list[tuple[bool, str]]]:
-    """Every reading as (accompanies, clause)."""
-    cut = re.split(r"\s*([>+])\s*", expected)
-    options = [part.split("|") for part in cut]
-    whole = [" ".join(combination) for combination in itertools.product(*options)]
-    if "|" in expected:
-        whole += expected.split("|")
-    found = []
-    for reading in whole:
-        parts = re.split(r"\s*([>+])\s*", reading)
-        clauses = [(False, parts[0])]
-        clauses += [(s == "+", c) for s, c in zip(parts[1::2], parts[2::2], strict=True)]
-        found.append(clauses)
-    return found
+@pytest.mark.parametrize(
+    ("source", "least"),
+    [(intent.PACKAGED, 0.95), (str(DATA / "sentences_development.yaml"), 0.98)],
+)
+def test_written_sentences(source: str, least: float) -> None:
+    """All clauses, their order, side and count."""
+    found = intent.accuracy(intent.load_sentences(source))
+    assert found["accuracy"] >= least, "\n".join(row["text"] for row in found["wrong"])
 
 
-def means(clause: Clause, accompanies: bool, expected: str) -> bool:
-    """Whether a clause is what the words of ``expected`` say."""
-    action, *details = expected.split()
-    side = next((d for d in details if d in ("left", "right")), None)
-    count = next((int(d[1:]) for d in details if re.fullmatch(r"x\d+", d)), None)
-    same = (
-        clause.action == action
-        and clause.accompanies == accompanies
-        and {"both": None}.get(clause.side or "", clause.side) == side
-        and clause.count == count
-    )
-    for detail in details:
-        if detail.startswith("@"):
-            same &= clause.angle == pytest.approx(np.deg2rad(float(detail[1:])))
-        elif re.fullmatch(r"[\d.]+m", detail):
-            same &= clause.distance == pytest.approx(float(detail[:-1]))
-        elif detail in ("slow", "fast"):
-            same &= (clause.tempo < 1.0) if detail == "slow" else (clause.tempo > 1.0)
-        elif detail in ("small", "big"):
-            same &= (clause.amplitude < 1.0) if detail == "small" else (clause.amplitude > 1.0)
-    return same
-
-
-def understood(text: str, expected: str) -> bool:
-    try:
-        clauses = parse(text)
-    except InputError:
-        return False
-    return any(
-        len(reading) == len(clauses)
-        and all(means(c, *want) for c, want in zip(clauses, reading, strict=True))
-        for reading in readings(expected)
-    )
+def test_accuracy_tells_right_wrong_and_refused() -> None:
+    rows = [
+        ("a person bows twice", "bow x2"),
+        ("a person bows twice", "bow"),
+        ("a person plays the violin", "bow"),
+        ("he walks forward while waving the left hand", "walk + wave left"),
+        ("he walks forward while waving the left hand", "walk > wave left|wave left"),
+        ("turn left by 90 degrees", "turn left @90"),
+        ("turn left by 90 degrees", "turn left @180"),
+    ]
+    found = intent.accuracy(rows)
+    assert [row["meant"] for row in found["wrong"]] == [rows[i][1] for i in (1, 2, 4, 6)]
+    assert (found["right"], found["refused"]) == (3, 1)
+    assert found["kinds"]["with side"] == {"sentences": 4, "right": 2}
+    assert [row["read"] for row in found["wrong"]][-2:] == ["walk + wave left", "turn left @90"]
 
 
 @pytest.mark.parametrize(
-    ("name", "least"), [("sentences_held_apart.yaml", 0.95), ("sentences_development.yaml", 0.98)]
+    ("content", "message"),
+    [("- [a, b", "not YAML"), ("a: b", "no list"), ("- [bow]", "entry 1"), (None, "no file")],
 )
-def test_written_sentences(name: str, least: float) -> None:
-    """All clauses, their order, side and count."""
-    rows = load(name)
-    wrong = [text for text, expected in rows if not understood(text, expected)]
-    assert len(wrong) <= (1.0 - least) * len(rows), "\n".join(wrong)
+def test_a_file_that_holds_no_sentences(tmp_path: Path, content: str | None, message: str) -> None:
+    path = tmp_path / "sentences.yaml"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(InputError, match=message):
+        intent.load_sentences(str(path))
 
 
 def test_what_is_unknown_is_refused() -> None:
@@ -186,6 +162,6 @@ def test_softmax_regression_is_at_its_optimum() -> None:
 
 def test_no_sentence_held_apart_is_a_phrase_of_the_library() -> None:
     phrases = {phrase for action in library().values() for phrase in action.phrases}
-    held_apart = {text for text, _ in load("sentences_held_apart.yaml")}
+    held_apart = {text for text, _ in intent.load_sentences()}
     assert len(held_apart) == 400
     assert not (held_apart | {SUBJECT.sub("", text) for text in held_apart}) & phrases
