@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -31,6 +32,7 @@ def rollout(
     options: SimulationOptions | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    longest: float = math.inf,
 ) -> Execution:
     """Executes a reference and then holds its last pose.
 
@@ -44,6 +46,7 @@ def rollout(
         options: Options of the physics.
         seed: Of all disturbances that are drawn; carried into the result.
         progress: Called after each tenth of a second.
+        longest: Where it is cut off at the latest [s].
 
     Returns:
         The execution, which ends shortly after a fall if there is one.
@@ -61,7 +64,8 @@ def rollout(
     context = simulator.get_mutable_context()
     give_reference(diagram, context, reference)
     set_initial_state(systems, context, reference)
-    simulate(simulator, systems, reference.duration + options.hold, options, progress)
+    end = min(reference.duration + options.hold, longest)
+    simulate(simulator, systems, end, options, progress)
     return execution(systems, context, reference, seed)
 
 

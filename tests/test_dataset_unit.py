@@ -16,6 +16,7 @@ from robomirror_drake.dataset.prompts import Prompt
 from robomirror_drake.dataset.records import Job
 from robomirror_drake.dataset.unit import failed, make
 from robomirror_drake.dataset.windows import ERRORS, Track, label_windows
+from robomirror_drake.disturbance import DisturbanceOptions
 from robomirror_drake.exceptions import PlanningError
 from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.rollout import rollout
@@ -126,10 +127,10 @@ def test_failures_of_every_stage_are_recorded(monkeypatch, step):
     assert len(frames) == 0
     assert "UnknownCommandError" in unknown[0]["failure"]
 
-    def diverge(robot, plan, options, seed):
+    def diverge(robot, plan, options, seed, **given):
         if options.disturbance.pushes:
             raise MemoryError("no more")
-        return rollout(robot, plan, options, seed)
+        return rollout(robot, plan, options, seed, **given)
 
     monkeypatch.setattr(unit, "rollout", diverge)
     rows, _ = tables(make(job(step.prompt.text, per_prompt=1, executions=2)))
@@ -140,3 +141,15 @@ def test_failures_of_every_stage_are_recorded(monkeypatch, step):
         ("worker", "RuntimeError: killed")
     }
     assert len(dead) == 6
+
+
+def test_what_disturbs_all_executions_stays_and_none_is_longer_than_allowed(step):
+    options = DatasetOptions(per_prompt=1, executions=3, longest=1.5, push_speed=(0.1, 0.1))
+    always = DisturbanceOptions.model_validate({"actuators": {"strength": 0.9}, "friction": 0.5})
+    simulation = step.scenario.simulation.model_copy(update={"disturbance": always})
+    scenario = step.scenario.model_copy(update={"simulation": simulation})
+    rows, _ = tables(make(step._replace(options=options, scenario=scenario)))
+    assert [row["strength"] for row in rows][:2] == pytest.approx([0.9, 0.9])
+    assert rows[0]["friction"] == pytest.approx(0.5)
+    assert [row["duration_s"] for row in rows] == pytest.approx([1.5] * 3, abs=0.02)
+    assert rows[1]["push_time_s"] < 1.5

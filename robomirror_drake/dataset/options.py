@@ -1,7 +1,7 @@
 """Settings of a data set, and what they draw for each of its episodes.
 
-Disturbances range from what the robot hardly notices to what brings it down, so that both
-are learned: of walks and kicks about a fifth end in a fall.
+Disturbances come on top of those that the scenario has for all executions. They range from
+what the robot hardly notices to what brings it down, so that both are learned.
 """
 
 from __future__ import annotations
@@ -52,6 +52,9 @@ class DatasetOptions(BaseModel):
         3, ge=1, le=100, description="of each motion: nominal, pushed, disturbed, pushed …"
     )
     group: int = Field(64, ge=1, le=10_000, description="commands in one file")
+    longest: float = Field(
+        60.0, gt=0.0, description="an execution is cut off there [s]; its plan is whole"
+    )
     push_speed: Range[NonNegative] = Field(
         (0.1, 1.2), description="impulse of a push / mass of the robot [m/s]"
     )
@@ -75,27 +78,34 @@ def seed_of(rng: np.random.Generator) -> int:
 
 
 def draw_disturbance(
-    options: DatasetOptions, execution: int, duration: float, rng: np.random.Generator
+    options: DatasetOptions,
+    turn: int,
+    duration: float,
+    rng: np.random.Generator,
+    always: DisturbanceOptions | None = None,
 ) -> tuple[Kind, DisturbanceOptions]:
     """How an execution of a motion is disturbed.
 
     Args:
         options: Of the data set.
-        execution: 0 is nominal, the others are by turns pushed, and disturbed in their start
-            or in their dynamics.
+        turn: 0 is nominal, odd ones are pushed, the others disturbed in their start or in their
+            dynamics.
         duration: Of the motion [s]; a push begins within it.
         rng: Of the execution.
+        always: What all executions are disturbed by; nothing where None. Of it, a disturbed
+            start or dynamics replace what they name, and a push is one more.
     """
-    if execution == 0:
-        return "nominal", DisturbanceOptions()
-    if execution % 2 == 1:
+    always = always or DisturbanceOptions()
+    if turn == 0:
+        return "nominal", always
+    if turn % 2 == 1:
         direction, speed = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(*options.push_speed)
         push = Push(
             time=rng.uniform(0.0, duration),
             duration=PUSH_DURATION,
             speed=(speed * math.cos(direction), speed * math.sin(direction), 0.0),
         )
-        return "pushed", DisturbanceOptions(pushes=(push,))
-    if rng.random() < 0.5:
-        return "start", options.start
-    return "dynamics", options.dynamics
+        return "pushed", always.model_copy(update={"pushes": (*always.pushes, push)})
+    kind: Kind = "start" if rng.random() < 0.5 else "dynamics"
+    own = options.start if kind == "start" else options.dynamics
+    return kind, always.model_copy(update={n: getattr(own, n) for n in own.model_fields_set})

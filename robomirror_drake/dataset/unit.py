@@ -123,10 +123,11 @@ def _execute(job: Job, robot: Robot, plan: RobotReference, row: Row) -> Executio
     """Executes a plan once, and enters into the row how it was disturbed and how it went."""
     rng = stream(job.options, job.prompt.text, row["candidate"], row["execution"])
     seed = seed_of(rng)
-    kind, disturbance = draw_disturbance(job.options, row["execution"], plan.duration, rng)
     simulation = job.scenario.simulation
-    if kind == "nominal":
-        disturbance = simulation.disturbance
+    within = min(plan.duration, job.options.longest)
+    # Candidates begin at different turns, so that few executions of each have all kinds.
+    turn = row["execution"] + row["candidate"] if row["execution"] else 0
+    kind, disturbance = draw_disturbance(job.options, turn, within, rng, simulation.disturbance)
     simulation = simulation.model_copy(update={"disturbance": disturbance})
     drawn, friction = draw_run(robot, simulation, seed)
     row.update(
@@ -138,7 +139,7 @@ def _execute(job: Job, robot: Robot, plan: RobotReference, row: Row) -> Executio
         strength=drawn.strength,
         **push_of(disturbance),
     )
-    done = rollout(robot, plan, simulation, seed)
+    done = rollout(robot, plan, simulation, seed, longest=job.options.longest)
     row.update(dataclasses.asdict(judge(robot, done, plan, simulation)))
     return done
 
