@@ -92,6 +92,18 @@ EPISODE_COLUMNS: Final = (
     Column("frames", pa.int32(), "", "how many frames the episode has; 0 where it failed"),
     Column("failed_stage", pa.string(), "", "stage that failed, null where none did"),
     Column("failure", pa.string(), "", "why"),
+    Column(
+        "raw_q",
+        pa.list_(pa.float32()),
+        "1, m, rad",
+        "q of the whole kinematic reference, past a fall too: 60 rows of 30 a second",
+    ),
+    Column(
+        "raw_contact",
+        pa.list_(pa.bool_()),
+        "",
+        "which sole corners it means to bear load: 60 rows of 2 x 4 a second",
+    ),
     Column("raw_duration_s", pa.float32(), "s", "length of the kinematic reference"),
     Column("lead_s", pa.float32(), "s", "when it begins"),
     Column("motion_end_s", pa.float32(), "s", "when the plan ends and its last pose is held"),

@@ -84,6 +84,8 @@ def described(raw: RobotReference, plan: RobotReference, done: Execution) -> Row
     """What there is to say of a motion and its plan."""
     return {
         "frames": len(done.time),
+        "raw_q": raw.q.astype(np.float32).ravel(),
+        "raw_contact": raw.contact.ravel(),
         "raw_duration_s": raw.duration,
         "lead_s": plan.lead,
         "motion_end_s": done.motion_end,
