@@ -1,4 +1,4 @@
-"""``robomirror generator``: write a corpus, train the learned generator, measure it."""
+"""``robomirror generator``: corpus, training and figures of what makes motions from text."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from robomirror_drake.terminal import JsonOption, check_file, out, progress_bars, write_json
+from robomirror_drake.terminal import (
+    JsonOption,
+    check_file,
+    console,
+    out,
+    progress_bars,
+    write_json,
+    write_text,
+)
 
-app = typer.Typer(help="The learned generator: corpus, training, figures.", no_args_is_help=True)
+app = typer.Typer(help="Text to motion: measure it, train it.", no_args_is_help=True)
 
 
 @app.command()
@@ -104,6 +112,56 @@ def evaluate(
         )
     print_figures(figures)
     write_json(json_file, figures)
+
+
+@app.command()
+def measure(
+    sentences: Annotated[
+        str, typer.Option(help="YAML of [sentence, clauses]; packaged: 400 held apart.")
+    ] = "packaged",
+    texts: Annotated[int, typer.Option(help="How many of these get pools of motions.")] = 100,
+    candidates: Annotated[int, typer.Option("-n", "--candidates", help="Motions in a pool.")] = 8,
+    sources: Annotated[
+        str, typer.Option(help="Comma-separated: composer, learned.")
+    ] = "composer,learned",
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Data set whose test split the learned generator is measured on."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of all that is drawn.")] = 0,
+    json_file: JsonOption = None,
+    html: Annotated[
+        Path | None, typer.Option(help="Write a page with the contact sheet here.")
+    ] = None,
+) -> None:
+    """Text to motion, all in one: intent, diversity, R-precision, how human, how quick.
+
+    Example: robomirror generator measure --html motions.html
+    """
+    check_file(json_file)
+    check_file(html)
+    from robomirror_drake.measure import MeasureOptions
+    from robomirror_drake.measure import measure as run
+    from robomirror_drake.measure_page import print_measures, render_measures
+    from robomirror_drake.yaml_file import validate
+
+    kinds = tuple(name.strip() for name in sources.split(",") if name.strip())
+    given = {"sentences": sentences, "texts": texts, "candidates": candidates, "seed": seed}
+    options = validate(MeasureOptions, given | {"sources": kinds}, "command line")
+    with progress_bars() as progress:
+        tasks: dict[str, Any] = {}
+
+        def report(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=total)
+            progress.update(tasks[stage], completed=done, total=total)
+
+        figures, sheets = run(options, data, report)
+    print_measures(figures, out)
+    write_json(json_file, figures)
+    if html is not None:
+        write_text(html, render_measures(figures, sheets))
+        console.print(f"wrote {html}", highlight=False)
 
 
 def print_figures(figures: dict[str, Any]) -> None:

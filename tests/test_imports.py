@@ -19,8 +19,8 @@ PACKAGE = ROOT / "robomirror_drake"
 # Lowest first: a module may import from its own layer and from those below it.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("messages", "exceptions", "assets"),
-    ("yaml_file",),
-    ("robot_spec", "urdf", "robot", "optimization", "motion", "outcome"),
+    ("yaml_file", "checkpoint"),
+    ("robot_spec", "urdf", "robot", "optimization", "motion", "outcome", "ppn"),
     ("explanation",),
     ("disturbance",),
     ("disturbance_draw",),
@@ -32,6 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rollout", "results"),
     ("run", "figures", "scene"),
     ("dataset",),
+    ("learning",),
     ("bench_peer", "bench_tsid"),
     (
         "commands",
@@ -40,9 +41,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "bench_plan",
         "bench_pushes",
         "survey",
+        "measure",
+        "motion_strips",
         "page",
     ),
-    ("report", "playback", "terminal", "survey_report"),
+    ("report", "playback", "terminal", "survey_report", "measure_page"),
     ("generator_commands",),
     ("dataset_commands",),
     ("cli",),
@@ -53,7 +56,8 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 def _modules() -> dict[str, Path]:
     """Dotted name below the package -> file, for every module of the package."""
-    folders = [PACKAGE, PACKAGE / "motion"] + [ROOT / n for n in ("systems", "optimization")]
+    folders = [PACKAGE] + [PACKAGE / name for name in ("motion", "ppn", "learning")]
+    folders += [ROOT / name for name in ("systems", "optimization")]
     files = {path for folder in folders for path in folder.rglob("*.py")}
     return {".".join(path.relative_to(_home(path)).with_suffix("").parts): path for path in files}
 

@@ -72,6 +72,11 @@ def _embed_one(sentence: str) -> Array:
     return unit
 
 
+def forget() -> None:
+    """Forgets the sentences embedded so far, so that their time can be measured anew."""
+    _embed_one.cache_clear()
+
+
 def _gelu(x: Float32) -> Float32:
     return np.asarray(0.5 * x * (1.0 + erf(x * np.sqrt(0.5))), dtype=np.float32)
 

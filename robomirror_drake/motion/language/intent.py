@@ -154,7 +154,7 @@ def written(text: str) -> str:
         clauses = parse(text)
     except InputError:
         return "refused"
-    parts = []
+    parts: list[str] = []
     for clause in clauses:
         sign = [] if not parts else ["+" if clause.accompanies else ">"]
         side = [clause.side] if clause.side else []

@@ -6,7 +6,7 @@ import re
 from functools import lru_cache
 
 from robomirror_drake.exceptions import UnknownCommandError
-from robomirror_drake.motion.language import quantities
+from robomirror_drake.motion.language import encoder, quantities
 from robomirror_drake.motion.language.classifier import UNKNOWN, meaning
 from robomirror_drake.motion.language.fragments import SUBJECT
 from robomirror_drake.motion.language.unknown import foreign
@@ -91,3 +91,10 @@ def recognise(text: str) -> tuple[str, float]:
     if fits[best] < THRESHOLD:
         raise UnknownCommandError(text, list(fits)[:3])
     return best, min(fits[best], 1.0)
+
+
+def forget() -> None:
+    """Forgets every clause read so far, so that the time of reading can be measured anew."""
+    for cached in (matches, ranking, meaning):
+        cached.cache_clear()
+    encoder.forget()

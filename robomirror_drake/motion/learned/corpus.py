@@ -88,7 +88,7 @@ def write_corpus(
         # Motions of one command stay together: no test command was heard in training.
         split = "train" if clip else _split(rng, options)
         for motion in motions:
-            features = _features(motion)
+            features = composer_features(motion)
             if not MIN_FRAMES <= len(features) <= MAX_FRAMES:
                 continue
             name = f"{count:06d}"
@@ -157,7 +157,7 @@ def _variants(clip: HumanMotion) -> Iterator[HumanMotion]:
         yield replace(motion, positions=mirrored(motion.positions))
 
 
-def _features(motion: HumanMotion) -> Array:
+def composer_features(motion: HumanMotion) -> Array:
     """(T, 263) features of a motion at 20 fps on the composer's skeleton, in single precision."""
     y_up = with_lengths(motion.positions[..., [1, 2, 0]], bone_lengths(neutral(60.0)))
     features: Array = to_features(y_up).astype(np.float32)
