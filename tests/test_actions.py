@@ -17,11 +17,12 @@ from robomirror_drake.motion.body import (
 from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.composer.balance import GRAVITY, angular_moment, center_of_mass_path
 from robomirror_drake.motion.composer.compose import compose
-from robomirror_drake.motion.composer.cue import Style
+from robomirror_drake.motion.composer.cue import Style, other
 from robomirror_drake.motion.composer.score import Score
 from robomirror_drake.motion.generate import draw_style
 from robomirror_drake.motion.ground import ANKLE_HEIGHT, TOE_HEIGHT
 from robomirror_drake.motion.library import library
+from robomirror_drake.motion.plausibility import arm_in_body
 from robomirror_drake.motion.skeleton import INDEX
 from robomirror_drake.motion.text import Clause
 
@@ -228,6 +229,20 @@ def test_the_fist_that_was_named_reaches_farther(side: str) -> None:
     ahead = make("punch", side=side)[:, [INDEX["left_wrist"], INDEX["right_wrist"]], 0].max(axis=0)
     named, unnamed = ahead if side == "left" else ahead[::-1]
     assert named > unnamed + 0.2
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_kneeling_is_on_the_knee_that_was_named(side: str) -> None:
+    positions = make("kneel", side=side)
+    knees = positions[:, [INDEX[f"{side}_knee"], INDEX[f"{other(side)}_knee"]], 2].min(axis=0)
+    assert knees[1] > knees[0] + 0.1
+
+
+@pytest.mark.parametrize(("name", "candidate"), STYLES)
+def test_arms_keep_out_of_the_body(name: str, candidate: int) -> None:
+    """A hand that hangs by the thigh may brush it in a side lunge."""
+    depth = arm_in_body(_motion(name, candidate)[::3]).max()
+    assert depth < (0.06 if name == "side_lunge" else 0.02)
 
 
 def test_mirrored_style_exchanges_sides_only_where_the_words_leave_it_open() -> None:
