@@ -24,6 +24,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("explanation",),
     ("disturbance",),
     ("disturbance_draw",),
+    ("goals",),
     ("systems", "plant"),
     ("simulation", "fall_signs"),
     ("config", "fall_cause"),
