@@ -10,9 +10,10 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
+from robomirror_drake import checkpoint
 from robomirror_drake.cli import app
 from robomirror_drake.motion.humanml_features import to_features
-from robomirror_drake.motion.learned import checkpoint, metrics
+from robomirror_drake.motion.learned import metrics
 from robomirror_drake.motion.learned.networks import Denoiser, Evaluator, LengthHead, MotionVae
 from robomirror_drake.motion.learned.options import DiffusionOptions, EvaluatorOptions, VaeOptions
 from robomirror_drake.motion.learned.texts import sentence_vectors

@@ -10,11 +10,11 @@ import pytest
 import torch
 from torch.nn import functional
 
+from robomirror_drake import checkpoint
 from robomirror_drake.exceptions import ConfigError, InputError, UnknownCommandError
 from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.generate import GeneratorOptions, generate
 from robomirror_drake.motion.humanml_features import to_features
-from robomirror_drake.motion.learned import checkpoint
 from robomirror_drake.motion.learned.feet import make_whole
 from robomirror_drake.motion.learned.generator import load_generator
 from robomirror_drake.motion.learned.networks import Denoiser, LengthHead, MotionVae

@@ -12,11 +12,12 @@ import numpy.typing as npt
 import torch
 from pydantic import BaseModel, ConfigDict, Field
 
+from robomirror_drake import checkpoint
 from robomirror_drake.exceptions import ConfigError, InputError
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.humanml_features import FPS, recover_from_ric, to_features
-from robomirror_drake.motion.learned import checkpoint, metrics
+from robomirror_drake.motion.learned import metrics
 from robomirror_drake.motion.learned.batches import padded
 from robomirror_drake.motion.learned.dataset import Normalizer, load_split
 from robomirror_drake.motion.learned.generator import LearnedGenerator, weights_file

@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from robomirror_drake import checkpoint
 from robomirror_drake.exceptions import ConfigError, UnknownCommandError
 from robomirror_drake.messages import Array, HumanMotion
 from robomirror_drake.motion.ground import ground, z_up
 from robomirror_drake.motion.humanml_features import FPS, recover_from_ric
-from robomirror_drake.motion.learned import checkpoint
 from robomirror_drake.motion.learned.dataset import Normalizer
 from robomirror_drake.motion.learned.diffusion import sample
 from robomirror_drake.motion.learned.feet import make_whole

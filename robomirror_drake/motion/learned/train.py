@@ -13,9 +13,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from robomirror_drake import checkpoint
 from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.humanml_features import FEATURES, JOINTS, ROOT, recover_from_ric
-from robomirror_drake.motion.learned import checkpoint
 from robomirror_drake.motion.learned.batches import LatentTable, crop, padded
 from robomirror_drake.motion.learned.dataset import (
     Float32,

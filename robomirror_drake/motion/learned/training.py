@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from robomirror_drake import checkpoint
 from robomirror_drake.exceptions import ConfigError
-from robomirror_drake.motion.learned import checkpoint
 from robomirror_drake.motion.learned.batches import TextTable
 from robomirror_drake.motion.learned.dataset import fingerprint, load_split
 from robomirror_drake.motion.learned.networks import Denoiser, Evaluator, LengthHead, MotionVae

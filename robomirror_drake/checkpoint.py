@@ -14,13 +14,17 @@ from torch import Tensor, nn
 
 from robomirror_drake.exceptions import ConfigError, ResultError
 
-FORMAT = "robomirror motion generator 1"
+GENERATOR, PREDICTOR = "motion generator", "performance predictor"
+"""Kinds of networks."""
+
 GENERATOR_FILE, EVALUATOR_FILE = "generator.safetensors", "evaluator.safetensors"
 
 
-def save(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, Any]) -> None:
+def save(
+    path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, Any], kind: str = GENERATOR
+) -> None:
     """Writes tensors and a header, whole or not at all."""
-    text = json.dumps({"format": FORMAT} | dict(header), sort_keys=True)
+    text = json.dumps({"format": _format(kind)} | dict(header), sort_keys=True)
     unfinished = path.with_suffix(".part")
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
@@ -30,7 +34,7 @@ def save(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, Any]) -
         raise ResultError(f"{path} cannot be written: {error}") from error
 
 
-def load(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+def load(path: Path, kind: str = GENERATOR) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Tensors, in single precision where they are numbers, and the header.
 
     Raises:
@@ -41,13 +45,17 @@ def load(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
             header = json.loads((file.metadata() or {}).get("robomirror", "{}"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError, json.JSONDecodeError) as error:
-        raise ConfigError(f"{path}: no weights of a motion generator: {error}") from error
-    if header.get("format") != FORMAT:
-        raise ConfigError(f"{path}: no weights of a motion generator")
+        raise ConfigError(f"{path}: no weights of a {kind}: {error}") from error
+    if header.get("format") != _format(kind):
+        raise ConfigError(f"{path}: no weights of a {kind}")
     return {
         name: tensor.float() if tensor.is_floating_point() else tensor
         for name, tensor in tensors.items()
     }, header
+
+
+def _format(kind: str) -> str:
+    return f"robomirror {kind} 1"
 
 
 def named(prefix: str, module: nn.Module) -> dict[str, Tensor]:

@@ -1,0 +1,255 @@
+"""From a data set on disk to what a network learns from: frames, windows and labels."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+import torch
+from torch import Tensor
+
+from robomirror_drake.dataset.shards import read_frames, read_shards
+from robomirror_drake.dataset.windows import Labels, Track, label_windows
+from robomirror_drake.exceptions import ResultError
+from robomirror_drake.messages import Array
+from robomirror_drake.ppn.body import Body
+from robomirror_drake.ppn.features import (
+    REFERENCE_VECTORS,
+    STATE_VECTORS,
+    observed_from,
+    observer,
+    reference_frames,
+    state_frames,
+    unflat,
+)
+from robomirror_drake.ppn.mirror import Mirror
+from robomirror_drake.ppn.options import PPNOptions
+from robomirror_drake.robot import Robot
+
+RECORDED = 60
+"""Frames of a data set in a second."""
+
+_LEAST_ERROR = 1e-4  # errors below are alike: the logarithm of nothing is not to be learned
+
+Integers = npt.NDArray[np.int64]
+
+
+class Episode(NamedTuple):
+    """One execution as it stands in a data set.
+
+    Attributes:
+        about: Its row among the episodes.
+        track: What it did and what was commanded, with the whole command after a fall too.
+        raw_q: (R, 30) kinematic reference at 60 Hz.
+        raw_contact: (R, 2, 4).
+    """
+
+    about: dict[str, Any]
+    track: Track
+    raw_q: Array
+    raw_contact: Array
+
+
+@dataclass(frozen=True)
+class Windows:
+    """All windows of some episodes, over frames that they share.
+
+    Attributes:
+        states: (N, F) features of states, :meth:`.features.Frames.flat`.
+        references: (M, F) of kinematic references, as long as any window looks ahead.
+        now: (W,) row of ``states`` that a window begins at.
+        first: (W,) row of its episode's first state.
+        ahead: (W,) row of ``references`` that it begins at.
+        fall: (W,) whether the robot falls within the horizon.
+        time_to_fall: (W,) [s], +inf where the execution has no fall.
+        errors: (W, 5) natural logarithms of the mean errors.
+        episode: (W,) row of ``episodes``.
+        episodes: What the data set says of each.
+        fingerprint: Of the episodes.
+    """
+
+    states: Tensor
+    references: Tensor
+    now: Integers
+    first: Integers
+    ahead: Integers
+    fall: Tensor
+    time_to_fall: Tensor
+    errors: Tensor
+    episode: Integers
+    episodes: list[dict[str, Any]]
+    fingerprint: str
+
+    def __len__(self) -> int:
+        return len(self.now)
+
+    def inputs(self, which: Integers, options: PPNOptions) -> tuple[Tensor, Tensor]:
+        """What the network sees of windows: (n, S, F_s) of states, (n, T, F_r) of the reference."""
+        back = np.arange(1 - options.back, 1)
+        past = np.maximum(self.now[which, None] + back, self.first[which, None])
+        future = self.ahead[which, None] + np.arange(options.ahead)
+        return seen(self.states[past], self.references[future], options)
+
+    def of(self, keep: Callable[[dict[str, Any]], bool]) -> Integers:
+        """Windows of the episodes that a rule keeps."""
+        wanted = np.array([keep(row) for row in self.episodes], dtype=np.bool_)
+        return np.flatnonzero(wanted[self.episode])
+
+
+def seen(states: Tensor, references: Tensor, options: PPNOptions) -> tuple[Tensor, Tensor]:
+    """Flat frames (n, S, F), (n, T, F) in the eyes of who stands where the robot is now.
+
+    A network that does not see the state stands where the reference begins.
+    """
+    past, future = unflat(states, STATE_VECTORS), unflat(references, REFERENCE_VECTORS)
+    place, heading = observer(past if options.use_state else future)
+    at = -1 if options.use_state else 0
+    place, heading = place[:, at], heading[:, at]
+    return observed_from(past, place, heading), observed_from(future, place, heading)
+
+
+def load_windows(
+    folder: Path,
+    robot: Robot,
+    options: PPNOptions,
+    spacing: float,
+    mirror: bool = False,
+    report: Callable[[int], None] | None = None,
+) -> Windows:
+    """Windows of all episodes of a data set; what pushes the robot later is left out.
+
+    Args:
+        folder: Of the data set; a run that is not over will do.
+        robot: That it was made with.
+        options: Of the network.
+        spacing: Between the beginnings of an episode's windows [s].
+        mirror: Whether each episode is there again with left and right exchanged.
+        report: Told how many episodes are read.
+
+    Raises:
+        ResultError: There is nothing to learn from.
+    """
+    step = round(RECORDED / options.rate)
+    every = max(1, round(spacing * options.rate))
+    body, digest = Body.of(robot), hashlib.sha256()
+    parts: list[dict[str, Any]] = []
+    episodes: list[dict[str, Any]] = []
+    states = references = 0
+    for episode in _all_episodes(folder, Mirror(robot) if mirror else None):
+        made = _windows(episode, body, options, step, every)
+        if len(made["now"]):
+            made["episode"] = np.full(len(made["now"]), len(episodes))
+            made["first"] = np.full(len(made["now"]), states)
+            made["now"] += states
+            made["ahead"] += references
+            states += len(made["states"])
+            references += len(made["references"])
+            parts.append(made)
+            episodes.append(episode.about)
+            digest.update(f"{episode.about['episode']} {episode.about['seed']} ".encode())
+        if report is not None:
+            report(len(episodes))
+    if not parts:
+        raise ResultError(f"{folder} holds no execution of {options.horizon:g} s to learn from")
+    joined: dict[str, Any] = {
+        name: (torch.cat if isinstance(first, Tensor) else np.concatenate)(
+            [part[name] for part in parts]
+        )
+        for name, first in parts[0].items()
+    }
+    return Windows(**joined, episodes=episodes, fingerprint=digest.hexdigest()[:16])
+
+
+def _all_episodes(folder: Path, mirror: Mirror | None) -> Iterator[Episode]:
+    """Those on disk, each told whether it is ``mirrored``."""
+    for episode in read_episodes_of(folder):
+        yield episode._replace(about=episode.about | {"mirrored": False})
+        if mirror is not None:
+            time, q, v, q_raw, v_raw = episode.track
+            yield Episode(
+                episode.about | {"mirrored": True},
+                Track(
+                    time, mirror.positions(q), mirror.rates(v),
+                    mirror.positions(q_raw), mirror.rates(v_raw),
+                ),
+                mirror.positions(episode.raw_q),
+                mirror.contacts(episode.raw_contact),
+            )  # fmt: skip
+
+
+def read_episodes_of(folder: Path) -> Iterator[Episode]:
+    """All whole episodes of a data set.
+
+    Raises:
+        ResultError: It was made before episodes held their kinematic reference.
+    """
+    wanted = ["episode", "time", "q", "v", "q_raw", "v_raw"]
+    for shard, table in read_shards(folder):
+        if "raw_q" not in table.column_names:
+            raise ResultError(f"{shard.episodes} has no column raw_q; make the data set anew")
+        frames = read_frames(shard, wanted)
+        rows = table.filter(pc.greater(table["frames"], 1))
+        number = frames["episode"].to_numpy()
+        columns = {name: _array(frames[name]) for name in wanted[1:]}
+        for about in rows.to_pylist():
+            where = slice(*np.searchsorted(number, [about["episode"], about["episode"] + 1]))
+            q = columns["q"][where]
+            raw_q = np.array(about.pop("raw_q"), dtype=np.float64).reshape(-1, q.shape[1])
+            raw_contact = np.array(about.pop("raw_contact"), dtype=np.float64).reshape(-1, 2, 4)
+            track = Track(
+                columns["time"][where], q, columns["v"][where],
+                columns["q_raw"][where], columns["v_raw"][where],
+            )  # fmt: skip
+            yield Episode(about, track, raw_q, raw_contact)
+
+
+def commanded_rows(count: int, lead: float, rate: float, frames: int) -> Integers:
+    """Which of the 60 Hz rows of a reference is commanded at each of ``count`` frames.
+
+    Before ``lead`` [s] it is the first one, after its end the last of ``frames``.
+    """
+    time = np.arange(count) / rate - lead
+    return np.clip(np.floor(time * RECORDED + 0.5).astype(np.int64), 0, frames - 1)
+
+
+def _windows(
+    episode: Episode, body: Body, options: PPNOptions, step: int, every: int
+) -> dict[str, Any]:
+    """States, references and windows of one episode, rows counted from its own first."""
+    about, track = episode.about, episode.track
+    pushes = [about["push_time_s"]] if about["push_time_s"] is not None else []
+    fall = about["fall_time_s"] if about["fell"] else None
+    labels = label_windows(track, options.horizon, fall, pushes)
+    keep = labels.foreseeable & (labels.start % (step * every) == 0)
+    labels = Labels(*(part[keep] for part in labels))
+    q, v = (torch.from_numpy(np.ascontiguousarray(x[::step], np.float64)) for x in track[1:3])
+    count = len(q) + options.ahead
+    rows = commanded_rows(count, about["lead_s"], options.rate, len(episode.raw_q))
+    asked_q, contact = (
+        torch.from_numpy(part[rows]) for part in (episode.raw_q, episode.raw_contact)
+    )
+    asked = reference_frames(body, asked_q, contact, step / RECORDED)
+    return {
+        "states": state_frames(body, q, v).flat().float(),
+        "references": asked.flat().float(),
+        "now": labels.start // step,
+        "ahead": labels.start // step,
+        "fall": torch.from_numpy(labels.fall),
+        "time_to_fall": torch.from_numpy(labels.time_to_fall).float(),
+        "errors": torch.from_numpy(np.log(np.maximum(labels.errors, _LEAST_ERROR))).float(),
+    }
+
+
+def _array(column: pa.ChunkedArray) -> npt.NDArray[Any]:
+    """A column as an array, rows first."""
+    values = column.combine_chunks()
+    if not pa.types.is_fixed_size_list(values.type):
+        return np.asarray(values.to_numpy())
+    return np.asarray(values.flatten().to_numpy()).reshape(len(values), -1)

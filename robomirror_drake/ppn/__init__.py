@@ -1,0 +1,1 @@
+"""The Performance Prediction Network: will this robot fall, and how well will it track?"""
