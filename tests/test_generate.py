@@ -8,7 +8,9 @@ from pydrake.common.value import Value
 
 from robomirror_drake.exceptions import InputError, PortError, UnknownCommandError
 from robomirror_drake.motion.bones import bone_lengths
+from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.generate import GeneratorOptions, draw_style, generate
+from robomirror_drake.motion.ground import FEET
 from robomirror_drake.motion.skeleton import INDEX
 from robomirror_drake.systems.motion_generator import MotionGenerator
 
@@ -51,10 +53,28 @@ def test_without_diversity_all_candidates_are_alike() -> None:
 def test_styles_stay_in_range() -> None:
     styles = [draw_style(1, k) for k in range(1, 200)]
     assert min(s.step_width for s in styles) >= 0.18
-    assert min(s.step_height for s in styles) >= 0.05
+    assert min(s.step_height for s in styles) >= 0.065
     assert {s.mirrored for s in styles} == {0.0, 1.0}
     tempos = np.array([s.tempo for s in styles])
     assert 0.75 < tempos.min() < 0.85 < 1.15 < tempos.max() < 1.25
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a man turns around", "he limps slowly forward", "she walks slowly backward", "step left"],
+)
+def test_feet_that_step_are_seen_to_leave_the_floor(text: str) -> None:
+    """In no style does a step look like standing: the robot would be told to stand there."""
+    for motion in generate(text, 12, seed=0):
+        contact = foot_contacts(motion)
+        for side in range(2):
+            toe = motion.positions[:, FEET[side, 1], :2]
+            going = np.linalg.norm(np.diff(toe, axis=0), axis=1) * motion.fps > 0.1
+            change = np.flatnonzero(np.diff(going, prepend=False, append=False))
+            swings = [(a, b) for a, b in zip(change[::2], change[1::2], strict=True)
+                      if np.linalg.norm(toe[b] - toe[a]) > 0.05]  # fmt: skip
+            assert swings
+            assert all((~contact[a:b, side]).any(axis=0).all() for a, b in swings)
 
 
 def test_a_sequence_is_done_in_order() -> None:

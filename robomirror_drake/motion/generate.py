@@ -110,7 +110,8 @@ def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
         amplitude=around(nominal.amplitude, 0.75, 1.25),
         step_length=around(nominal.step_length, 0.75, 1.15),
         step_width=around(nominal.step_width, 0.18, 0.26),
-        step_height=around(nominal.step_height, 0.05, 0.10),
+        # Lower, and a slow foot cannot be told from a standing one by its motion.
+        step_height=around(nominal.step_height, 0.065, 0.10),
         arms=around(nominal.arms, 0.4, 1.4),
         mirrored=float(rng.random() < 0.5),
     )
