@@ -285,3 +285,73 @@ class Outcome:
     duration_s: float
     cause: str | None = None
     cause_evidence: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class QualityPrediction(_Message):
+    """What is foreseen for n candidates over the next ``horizon`` seconds (the paper's s).
+
+    Attributes:
+        horizon: How far it looks ahead [s].
+        fall_probability: (n,) that the robot falls within the horizon, 0 to 1.
+        A_q: (n,) joint position error [rad].
+        A_qd: (n,) joint velocity error [rad/s].
+        A_qdd: (n,) joint acceleration error [rad/s²].
+        A_p: (n,) root position error [m].
+        A_theta: (n,) root orientation error [rad].
+    """
+
+    horizon: float
+    fall_probability: Array
+    A_q: Array
+    A_qd: Array
+    A_qdd: Array
+    A_p: Array
+    A_theta: Array
+
+    def __post_init__(self) -> None:
+        self._freeze("fall_probability", (None,))
+        outside = (self.fall_probability < 0.0) | (self.fall_probability > 1.0)
+        if outside.any():
+            raise ValueError(f"fall_probability is {self.fall_probability[outside][0]}, not 0 to 1")
+        for name in ("A_q", "A_qd", "A_qdd", "A_p", "A_theta"):
+            self._freeze(name, (len(self.fall_probability),))
+        if not (np.isfinite(self.horizon) and self.horizon > 0):
+            raise ValueError(f"horizon is {self.horizon}, expected a positive number of seconds")
+
+
+DIMENSIONS = ("collision", "feasibility", "stability", "tracking", "smoothness", "goal")
+"""The six dimensions that candidates are ranked by, in the order of the columns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking(_Message):
+    """Candidates compared; all arrays but ``order`` are in the candidates' own order.
+
+    Attributes:
+        order: (n,) indices of the candidates, the best first.
+        scores: (n, 6) in :data:`DIMENSIONS`, each from 0 to 1, 1 the best.
+        quality: (n,) weighted mean of the scores, 0 to 1.
+        safe: (n,) whether the candidate is safe enough.
+        reasons: Why each stands where it does, a sentence each.
+    """
+
+    order: npt.NDArray[np.intp]
+    scores: Array
+    quality: Array
+    safe: BoolArray
+    reasons: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.reasons)
+        self._freeze("order", (n,), np.intp)
+        if not n or sorted(self.order) != list(range(n)):
+            raise ValueError(f"order is {self.order.tolist()}, expected each of 0 to {n - 1} once")
+        self._freeze("scores", (n, len(DIMENSIONS)))
+        self._freeze("quality", (n,))
+        self._freeze("safe", (n,), np.bool_)
+
+    @property
+    def best(self) -> int:
+        """Index of the candidate to take."""
+        return int(self.order[0])

@@ -98,7 +98,9 @@ def _add_planning(
 ) -> OutputPort:
     """Adds generator, retargeter, selector and planner; returns the plan's port."""
     retargeter = builder.AddNamedSystem("retargeter", Retargeter(robot, scenario.retargeter))
-    selector = builder.AddNamedSystem("reference_selector", ReferenceSelector())
+    selector = builder.AddNamedSystem(
+        "reference_selector", ReferenceSelector(robot, scenario.ranking)
+    )
     planner = builder.AddNamedSystem("dynamic_planner", DynamicPlanner(robot, scenario.planner))
 
     if source == "command":
@@ -107,6 +109,7 @@ def _add_planning(
             MotionGenerator(scenario.candidates, scenario.seed, scenario.generator),
         )
         builder.ExportInput(generator.GetInputPort("command"), "command")
+        builder.ConnectInput("command", selector.GetInputPort("command"))
         builder.Connect(
             generator.GetOutputPort("candidates"), retargeter.GetInputPort("candidates")
         )

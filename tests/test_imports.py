@@ -25,6 +25,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("disturbance",),
     ("disturbance_draw",),
     ("goals",),
+    ("ranking",),
     ("systems", "plant"),
     ("simulation", "fall_signs"),
     ("config", "fall_cause"),
