@@ -170,8 +170,8 @@ def _reasons(
             return f"safe ({fall(i)}) and as good as the best ({quality[i]:.2f}), which comes first"
         return (
             f"safe ({fall(i)}), but of lower quality ({quality[i]:.2f} against"
-            f" {quality[best]:.2f}), most of all in {DIMENSIONS[most]} ({scores[i, most]:.2f} against"
-            f" {scores[best, most]:.2f})"
+            f" {quality[best]:.2f}), most of all in {DIMENSIONS[most]}"
+            f" ({scores[i, most]:.2f} against {scores[best, most]:.2f})"
         )
 
     missed = [() if satisfactions is None else satisfactions[i].missed for i in range(len(safe))]
