@@ -30,7 +30,7 @@ def slowed(reference: RobotReference, tempo: float) -> RobotReference:
         return reference
     own, dt = reference.time - reference.time[0], float(reference.time[1] - reference.time[0])
     fine = np.linspace(0.0, own[-1], _FINE * (len(own) - 1) + 1)
-    rate = tempo + (1.0 - tempo) * _flying(reference, fine)
+    rate = tempo + (1.0 - tempo) * flying(reference, fine)
     # t(τ) = ∫ dτ / r by the trapezoidal rule, inverted with its known slope.
     middle = 0.5 * (1.0 / rate[1:] + 1.0 / rate[:-1])
     at = np.concatenate([[0.0], np.cumsum(middle * np.diff(fine))])
@@ -60,7 +60,7 @@ def slowed(reference: RobotReference, tempo: float) -> RobotReference:
     )
 
 
-def _flying(reference: RobotReference, time: Array) -> Array:
+def flying(reference: RobotReference, time: Array) -> Array:
     """(F,) 1 in flight, 0 from ``_EASE`` before and after it on, and smooth between."""
     air = reference.time[~reference.contact.any(axis=(1, 2))] - reference.time[0]
     if len(air) == 0:
