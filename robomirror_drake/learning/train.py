@@ -61,6 +61,7 @@ def train(
     options: TrainOptions,
     report: Callable[[Epoch], None] = lambda _: None,
     read: Callable[[int], None] | None = None,
+    stepped: Callable[[int, int], None] = lambda *_: None,
 ) -> Path:
     """Trains a network, or goes on with one; returns the file of its weights.
 
@@ -68,6 +69,7 @@ def train(
         options: Of the training.
         report: Told about each epoch.
         read: Told how many episodes are read.
+        stepped: Told how many steps are done, and of how many at most.
 
     Raises:
         ConfigError: The folder holds a checkpoint of another training, or there is no GPU.
@@ -79,6 +81,8 @@ def train(
     if options.device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, and there is none here; train on the cpu")
     device = torch.device(options.device)
+    if options.device == "cuda":
+        device = torch.device("cuda", rank % torch.cuda.device_count())
     robot = load_robot(options.robot)
     data = load_windows(options.data, robot, options.network, options.spacing, options.mirror, read)
     learned, judged = _splits(data, options)
@@ -135,6 +139,7 @@ def train(
             optimizer.step()
             _follow(average, network, min(options.average, 1.0 - 1.0 / (epoch * steps + step + 1)))
             total += float(loss.detach())
+            stepped(epoch * steps + step + 1, options.epochs * steps)
         # --- judge
         scores = predict(average, data, judged)
         fall = data.fall[judged]
@@ -252,7 +257,8 @@ def _described(data: Windows, learned: Integers, judged: Integers) -> dict[str, 
         "commands_learned": len({row["prompt_index"] for row in used}),
         "windows_learned": len(learned),
         "windows_validation": len(judged),
-        "falls_learned": round(float(data.fall[learned].float().mean()), 4),
+        "falls_learned": float(data.fall[learned].float().mean()),
+        "falls_validation": float(data.fall[judged].float().mean()),
     }
 
 
@@ -277,11 +283,26 @@ def _keep(
 
 def _check_same(place: Path, told: dict[str, Any], header: dict[str, Any]) -> None:
     for key, value in header.items():
-        if told.get(key) != json.loads(json.dumps(value)):
+        there, here = told.get(key), json.loads(json.dumps(value))
+        if there != here:
+            names = _differing(there, here) if isinstance(here, dict) else []
+            said = f" ({', '.join(names)})" if names else ""
             raise ConfigError(
-                f"{place} was begun with other {key}; "
+                f"{place} was begun with other {key}{said}; "
                 "continue with the same, or name another folder"
             )
+
+
+def _differing(there: object, here: dict[str, Any]) -> list[str]:
+    """Keys whose values differ, by their path."""
+    names = []
+    for key, value in here.items():
+        other = there.get(key) if isinstance(there, dict) else None
+        if isinstance(value, dict):
+            names += [f"{key}.{name}" for name in _differing(other, value)]
+        elif other != value:
+            names.append(key)
+    return names
 
 
 def _schedule(done: float) -> float:

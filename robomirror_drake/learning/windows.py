@@ -21,20 +21,16 @@ from robomirror_drake.exceptions import ResultError
 from robomirror_drake.messages import Array
 from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.features import (
-    REFERENCE_VECTORS,
-    STATE_VECTORS,
-    observed_from,
-    observer,
+    PAD,
+    RECORDED,
     reference_frames,
+    rows_at,
+    seen,
     state_frames,
-    unflat,
 )
 from robomirror_drake.ppn.mirror import Mirror
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.robot import Robot
-
-RECORDED = 60
-"""Frames of a data set in a second."""
 
 _LEAST_ERROR = 1e-4  # errors below are alike: the logarithm of nothing is not to be learned
 
@@ -95,24 +91,12 @@ class Windows:
         back = np.arange(1 - options.back, 1)
         past = np.maximum(self.now[which, None] + back, self.first[which, None])
         future = self.ahead[which, None] + np.arange(options.ahead)
-        return seen(self.states[past], self.references[future], options)
+        return seen(self.states[past], self.references[future], options.use_state)
 
     def of(self, keep: Callable[[dict[str, Any]], bool]) -> Integers:
         """Windows of the episodes that a rule keeps."""
         wanted = np.array([keep(row) for row in self.episodes], dtype=np.bool_)
         return np.flatnonzero(wanted[self.episode])
-
-
-def seen(states: Tensor, references: Tensor, options: PPNOptions) -> tuple[Tensor, Tensor]:
-    """Flat frames (n, S, F), (n, T, F) in the eyes of who stands where the robot is now.
-
-    A network that does not see the state stands where the reference begins.
-    """
-    past, future = unflat(states, STATE_VECTORS), unflat(references, REFERENCE_VECTORS)
-    place, heading = observer(past if options.use_state else future)
-    at = -1 if options.use_state else 0
-    place, heading = place[:, at], heading[:, at]
-    return observed_from(past, place, heading), observed_from(future, place, heading)
 
 
 def load_windows(
@@ -194,8 +178,10 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
     for shard, table in read_shards(folder):
         if "raw_q" not in table.column_names:
             raise ResultError(f"{shard.episodes} has no column raw_q; make the data set anew")
-        frames = read_frames(shard, wanted)
         rows = table.filter(pc.greater(table["frames"], 1))
+        if not len(rows):
+            continue
+        frames = read_frames(shard, wanted)
         number = frames["episode"].to_numpy()
         columns = {name: _array(frames[name]) for name in wanted[1:]}
         for about in rows.to_pylist():
@@ -210,15 +196,6 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
             yield Episode(about, track, raw_q, raw_contact)
 
 
-def commanded_rows(count: int, lead: float, rate: float, frames: int) -> Integers:
-    """Which of the 60 Hz rows of a reference is commanded at each of ``count`` frames.
-
-    Before ``lead`` [s] it is the first one, after its end the last of ``frames``.
-    """
-    time = np.arange(count) / rate - lead
-    return np.clip(np.floor(time * RECORDED + 0.5).astype(np.int64), 0, frames - 1)
-
-
 def _windows(
     episode: Episode, body: Body, options: PPNOptions, step: int, every: int
 ) -> dict[str, Any]:
@@ -231,9 +208,11 @@ def _windows(
     labels = Labels(*(part[keep] for part in labels))
     q, v = (torch.from_numpy(np.ascontiguousarray(x[::step], np.float64)) for x in track[1:3])
     count = len(q) + options.ahead
-    rows = commanded_rows(count, about["lead_s"], options.rate, len(episode.raw_q))
+    time = np.arange(-PAD, count + PAD) / options.rate - about["lead_s"]
+    rows = rows_at(time, len(episode.raw_q))
     asked_q, contact = (
-        torch.from_numpy(part[rows]) for part in (episode.raw_q, episode.raw_contact)
+        torch.from_numpy(part[at])
+        for part, at in ((episode.raw_q, rows), (episode.raw_contact, rows[PAD:-PAD]))
     )
     asked = reference_frames(body, asked_q, contact, step / RECORDED)
     return {

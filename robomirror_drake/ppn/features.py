@@ -10,9 +10,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
+from robomirror_drake.messages import Array
 from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.ppn.body import Body, Links, rotation
 
@@ -33,6 +36,14 @@ class Frames(NamedTuple):
     vectors: Tensor
     scalars: Tensor
 
+    def as_state(self, asked: int) -> Frames:
+        """The frames of a reference as those of a robot that does just that.
+
+        Args:
+            asked: Scalars that only a reference has, at the end.
+        """
+        return Frames(self.place, self.vectors[..., :STATE_VECTORS, :], self.scalars[..., :-asked])
+
     def flat(self) -> Tensor:
         """(…, 3 + 3 V + S) all in a row, as :func:`unflat` takes it."""
         return torch.cat([self.place, self.vectors.flatten(-2), self.scalars], -1)
@@ -40,6 +51,12 @@ class Frames(NamedTuple):
 
 REFERENCE_VECTORS, STATE_VECTORS = 12, 9
 """How many vectors the frames of a reference and of a state have."""
+
+RECORDED = 60
+"""Rows of a reference, and of a recorded execution, in a second."""
+
+PAD = 2
+"""Samples before and after a reference that its velocities and accelerations need."""
 
 FORWARD = 0
 """The vector that says where the base looks to."""
@@ -60,22 +77,31 @@ def state_frames(body: Body, q: Tensor, v: Tensor) -> Frames:
 
 
 def reference_frames(body: Body, q: Tensor, contact: Tensor, step: float) -> Frames:
-    """Of a motion's samples; velocities and accelerations are differences of them.
+    """Of a motion's samples; velocities and accelerations are central differences of them.
 
     Args:
         body: Of the robot.
-        q: (…, T, 30) positions, Drake order, T at least 3.
+        q: (…, T + 2 PAD, 30) positions, Drake order; the first and the last PAD of them are
+            there for the differences alone.
         contact: (…, T, 2, 4) which sole corners are meant to bear load, 0 or 1.
         step: From one sample to the next [s].
     """
     v = velocities(q, step)
+    q = q[..., 1:-1, :]
     links = body(q, v)
     a = _differences(links.com_velocity, step)
+    time = q.dim() - 2
+    q, v, links = _inner(q, time), _inner(v, time), Links(*(_inner(part, time) for part in links))
     asked = _asked(body, links, a, contact)
     vectors = torch.cat([*_moving(body, links), a[..., None, :], asked.zmp], -2)
     halves = contact.reshape(*contact.shape[:-2], 4, 2).mean(-1)
     scalars = torch.cat([_scalars(body, links, q, v), halves, asked.torque], -1)
     return Frames(q[..., 4:7], vectors, scalars)
+
+
+def _inner(x: Tensor, axis: int) -> Tensor:
+    """All but the first and the last along an axis."""
+    return x.narrow(axis, 1, x.shape[axis] - 2)
 
 
 def observed_from(frames: Frames, place: Tensor, heading: Tensor) -> Tensor:
@@ -99,14 +125,30 @@ def observer(frames: Frames) -> tuple[Tensor, Tensor]:
     return frames.place, torch.stack([x, -y, y, x], -1).reshape(*x.shape, 2, 2)
 
 
+def seen(states: Tensor, references: Tensor, from_state: bool) -> tuple[Tensor, Tensor]:
+    """Flat frames (n, S, F), (n, T, F) in the eyes of who stands where the robot is now.
+
+    Else, not ``from_state``, of who stands where the reference begins.
+    """
+    past, future = unflat(states, STATE_VECTORS), unflat(references, REFERENCE_VECTORS)
+    place, heading = observer(past if from_state else future)
+    at = -1 if from_state else 0
+    place, heading = place[:, at], heading[:, at]
+    return observed_from(past, place, heading), observed_from(future, place, heading)
+
+
+def rows_at(time: Array, count: int) -> npt.NDArray[np.int64]:
+    """Rows of a 60 Hz reference of ``count`` rows at times [s]; the ends are held."""
+    return np.clip(np.floor(time * RECORDED + 0.5).astype(np.int64), 0, count - 1)
+
+
 def velocities(q: Tensor, step: float) -> Tensor:
-    """(…, T, 29) velocities of samples (…, T, 30), Drake order, by central differences."""
+    """(…, T, 29) velocities of samples (…, T + 2, 30), Drake order, by central differences."""
     R = rotation(q[..., :4])
-    before, after = _neighbours(R, -3)
-    turned = after @ before.transpose(-1, -2)
+    turned = R[..., 2:, :, :] @ R[..., :-2, :, :].transpose(-1, -2)
     skew = 0.5 * (turned - turned.transpose(-1, -2))
     spin = torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], -1)
-    return torch.cat([spin / _span(q, step), _differences(q[..., 4:], step)], -1)
+    return torch.cat([spin / (2.0 * step), _differences(q[..., 4:], step)], -1)
 
 
 class _Asked(NamedTuple):
@@ -162,23 +204,6 @@ def _scalars(body: Body, links: Links, q: Tensor, v: Tensor) -> Tensor:
     return torch.cat([q[..., 7:], v[..., 6:], _soles(body, links)[..., 2]], -1)
 
 
-def _neighbours(x: Tensor, dim: int) -> tuple[Tensor, Tensor]:
-    """The samples before and after each one; at the ends itself."""
-    count = x.shape[dim]
-    before = torch.cat([x.narrow(dim, 0, 1), x.narrow(dim, 0, count - 1)], dim)
-    after = torch.cat([x.narrow(dim, 1, count - 1), x.narrow(dim, count - 1, 1)], dim)
-    return before, after
-
-
-def _span(x: Tensor, step: float) -> Tensor:
-    """(T, 1) time from the sample before to the one after each [s]."""
-    count = x.shape[-2]
-    span = torch.full((count, 1), 2.0 * step, dtype=x.dtype, device=x.device)
-    span[0] = span[-1] = step
-    return span
-
-
 def _differences(x: Tensor, step: float) -> Tensor:
-    """(…, T, n) rates of samples."""
-    before, after = _neighbours(x, -2)
-    return (after - before) / _span(x, step)
+    """(…, T, n) rates of samples (…, T + 2, n)."""
+    return (x[..., 2:, :] - x[..., :-2, :]) / (2.0 * step)
