@@ -80,8 +80,13 @@ def spread(value: dict[str, float] | None) -> str:
     return "·" if value is None else f"{value['mean']:.3f} ± {value['ci95']:.3f}"
 
 
+def number(value: float) -> str:
+    """Three digits; what is only rounding is 0."""
+    return f"{value:.3g}" if abs(value) > 1e-6 else "0"
+
+
 def _trio(value: dict[str, float]) -> str:
-    return f"{value['median']:.3g} ({value['p95']:.3g}, {value['worst']:.3g})"
+    return f"{number(value['median'])} ({number(value['p95'])}, {number(value['worst'])})"
 
 
 def render_measures(figures: dict[str, Any], sheets: dict[str, list[Pool]]) -> str:
@@ -111,6 +116,7 @@ def render_measures(figures: dict[str, Any], sheets: dict[str, list[Pool]]) -> s
         variety=VARIETY,
         time_rows=time_rows(figures),
         spread=spread,
+        number=number,
         tolerance=plausibility.TOLERANCE,
         rate=plausibility.RATE,
     )
