@@ -29,6 +29,7 @@ from robomirror_drake.exceptions import (
     RoboMirrorError,
 )
 from robomirror_drake.generator_commands import app as generator_app
+from robomirror_drake.learning_commands import train
 from robomirror_drake.terminal import (
     JsonOption,
     check_file,
@@ -56,6 +57,7 @@ bench = typer.Typer(help="Measure a stage; beside a peer where there is one.", n
 app.add_typer(bench, name="bench")
 app.add_typer(generator_app, name="generator")
 app.add_typer(dataset_app, name="dataset")
+app.command()(train)
 
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")

@@ -49,7 +49,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("report", "playback", "terminal", "survey_report", "measure_page"),
     ("generator_commands",),
-    ("dataset_commands",),
+    ("dataset_commands", "learning_commands"),
     ("cli",),
     ("__main__",),
 )

@@ -1,0 +1,1 @@
+"""From a data set of executions to trained performance predictors, and how good they are."""
