@@ -24,7 +24,7 @@ class Links(NamedTuple):
         R: (…, L, 3, 3) rotations.
         p: (…, L, 3) origins [m].
         axis: (…, L - 1, 3) axes of the joints.
-        angular, linear: (…, L, 3) velocities, of the origins [rad/s], [m/s].
+        angular, linear: (…, 3) velocities of the base [rad/s], [m/s].
         com: (…, 3) centre of mass of the robot [m].
         com_velocity: (…, 3) [m/s].
     """
@@ -48,6 +48,7 @@ class Body(nn.Module):
     axis: Tensor
     soles: Tensor
     order: Tensor
+    above: Tensor
 
     def __init__(
         self, parents: list[int], legs: list[list[int]], feet: list[int], **constants: Tensor
@@ -57,6 +58,11 @@ class Body(nn.Module):
         self.levels = _levels(parents)
         visited = [0, *(1 + i for level in self.levels for i in level.links)]
         self.register_buffer("order", torch.tensor(np.argsort(visited)), persistent=False)
+        chains = [_chain(parents, link) for link in range(1, len(parents) + 1)]
+        above = [
+            [float(joint in chain) for chain in [[], *chains]] for joint in range(len(parents))
+        ]
+        constants["above"] = torch.tensor(above, dtype=torch.float64)
         for name, value in constants.items():
             self.register_buffer(name, value, persistent=False)
 
@@ -97,26 +103,23 @@ class Body(nn.Module):
         """
         turned = self.rotation @ _about(self.axis, q[..., 7:])
         R, p = [rotation(q[..., :4])[..., None, :, :]], [q[..., None, 4:7]]
-        w, u, axes = [v[..., None, :3]], [v[..., None, 3:6]], []
         for level in self.levels:
-            above, places = level.above, level.links
-            R_above, w_above = R[-1][..., above, :, :], w[-1][..., above, :]
-            arm = (R_above @ self.translation[places][..., None])[..., 0]
-            R.append(R_above @ turned[..., places, :, :])
-            p.append(p[-1][..., above, :] + arm)
-            axes.append((R[-1] @ self.axis[places][..., None])[..., 0])
-            u.append(u[-1][..., above, :] + torch.linalg.cross(w_above, arm))
-            w.append(w_above + axes[-1] * v[..., 6:][..., places, None])
-        R_all, p_all, w_all, u_all = (
-            torch.cat(parts, dim).index_select(dim, self.order)
-            for parts, dim in ((R, -3), (p, -2), (w, -2), (u, -2))
-        )
-        axis = torch.cat(axes, -2).index_select(-2, self.order[1:] - 1)
-        lever = (R_all @ self.center[..., None])[..., 0]
-        share = (self.mass / self.mass.sum())[:, None]
-        com = (share * (p_all + lever)).sum(dim=-2)
-        speed = (share * (u_all + torch.linalg.cross(w_all, lever))).sum(dim=-2)
-        return Links(R_all, p_all, axis, w_all, u_all, com, speed)
+            above = R[-1][..., level.above, :, :]
+            arm = (above @ self.translation[level.links][..., None])[..., 0]
+            R.append(above @ turned[..., level.links, :, :])
+            p.append(p[-1][..., level.above, :] + arm)
+        R_all = torch.cat(R, -3).index_select(-3, self.order)
+        p_all = torch.cat(p, -2).index_select(-2, self.order)
+        axis = (R_all[..., 1:, :, :] @ self.axis[..., None])[..., 0]
+        share = self.mass / self.mass.sum()
+        placed = share[:, None] * (p_all + (R_all @ self.center[..., None])[..., 0])
+        com = placed.sum(-2)
+        # A joint turns what is above it: it moves the centre of that mass about its axis.
+        lever = self.above @ placed - (self.above @ share)[:, None] * p_all[..., 1:, :]
+        turning = torch.linalg.cross(axis, lever) * v[..., 6:, None]
+        spin, shift = v[..., :3], v[..., 3:6]
+        speed = shift + torch.linalg.cross(spin, com - q[..., 4:7]) + turning.sum(-2)
+        return Links(R_all, p_all, axis, spin, shift, com, speed)
 
 
 class _Level(NamedTuple):

@@ -190,8 +190,8 @@ def _moving(body: Body, links: Links) -> list[Tensor]:
     base = links.p[..., :1, :]
     return [
         links.R[..., 0, :, 0::2].transpose(-1, -2),  # forward and up
-        links.linear[..., :1, :],
-        links.angular[..., :1, :],
+        links.linear[..., None, :],
+        links.angular[..., None, :],
         links.com[..., None, :] - base,
         links.com_velocity[..., None, :],
         _soles(body, links) - base,
