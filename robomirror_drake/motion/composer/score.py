@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numba
 import numpy as np
+import numpy.typing as npt
 
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.body import SIDES
@@ -152,9 +154,24 @@ class Score:
             channel, start, end, coefficients = (
                 np.array(column) for column in zip(*self._moves, strict=True)
             )
-            u = np.clip((time - start[:, None]) / (end - start)[:, None], 0.0, 1.0)
-            curves = np.zeros_like(u)
-            for column in coefficients.T[::-1]:  # Horner's rule
-                curves = curves * u + column[:, None]
-            np.add.at(values, channel, curves)
+            _add_curves(time, channel, start, end, coefficients, values)
         return dict(zip(CHANNELS, values, strict=True))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_curves(
+    time: Array,
+    channel: npt.NDArray[np.int64],
+    start: Array,
+    end: Array,
+    coefficients: Array,
+    values: Array,
+) -> None:
+    """Add each curve to its channel's values (C, T), by Horner's rule."""
+    for m in range(len(channel)):
+        for t in range(len(time)):
+            u = min(max((time[t] - start[m]) / (end[m] - start[m]), 0.0), 1.0)
+            value = 0.0
+            for k in range(coefficients.shape[1] - 1, -1, -1):
+                value = value * u + coefficients[m, k]
+            values[channel[m], t] += value
