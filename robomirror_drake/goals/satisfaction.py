@@ -66,18 +66,26 @@ def measure(robot: Robot, goals: Goals, q: Array) -> Satisfaction:
         ValueError: ``q`` is no motion of the robot.
     """
     trace = make_trace(robot, q)
-    mirrored = trace.mirrored()
     measured: list[Measured] = []
     lowest: list[float] = []
     for number, (start, stop) in enumerate(find_turns(goals.turns, trace)):
         asked = [p for p in goals.predicates if p.clause == number]
-        ways = [trace, mirrored] if all(p.mirrored for p in asked) else [trace]
-        cuts = (way.window(int(start), int(stop)) for way in ways)
-        best = max((_judge(asked, cut) for cut in cuts), key=_rank)
+        best, _ = judge_clause(asked, trace, int(start), int(stop))
         measured += best
         lowest.append(min(m.score for m in best))
     score = float(np.mean(lowest))
     return Satisfaction(tuple(measured), score, all(m.met for m in measured))
+
+
+def judge_clause(
+    asked: list[Predicate], trace: Trace, start: int, stop: int
+) -> tuple[list[Measured], bool]:
+    """One clause's predicates in its turn, and whether with left and right exchanged."""
+    as_is = _judge(asked, trace.window(start, stop))
+    if not all(p.mirrored for p in asked):
+        return as_is, False
+    exchanged = _judge(asked, trace.mirrored().window(start, stop))
+    return (exchanged, True) if _rank(exchanged) > _rank(as_is) else (as_is, False)
 
 
 def _judge(asked: list[Predicate], trace: Trace) -> list[Measured]:

@@ -76,17 +76,29 @@ def make_trace(robot: Robot, q: Array) -> Trace:
     Raises:
         ValueError: ``q`` has another shape, or no sample.
     """
+    return from_standing(robot, q).window(0, len(q))
+
+
+def from_standing(robot: Robot, q: Array) -> Trace:
+    """A trace whose place and heading are the world's; arguments are those of :func:`make_trace`.
+
+    Each sample depends on its own configuration only, up to whole turns of the heading.
+    """
     q = np.asarray(q, dtype=np.float64)
     if q.ndim != 2 or q.shape[1] != len(robot.standing) or len(q) == 0:
         raise ValueError(f"q has shape {q.shape}, expected (T, {len(robot.standing)}), T >= 1")
-    rest, moved = _seen(robot, robot.standing[None]), _seen(robot, q)
-    whole = moved._replace(
+    rest, moved = _standing(robot), _seen(robot, q)
+    return moved._replace(
         height=moved.height - rest.height,
         trunk=moved.trunk - rest.trunk,
         hands=moved.hands - rest.hands,
         feet=moved.feet - rest.feet,
     )
-    return whole.window(0, len(q))
+
+
+@lru_cache(maxsize=8)
+def _standing(robot: Robot) -> Trace:
+    return _seen(robot, robot.standing[None])
 
 
 @lru_cache(maxsize=8)

@@ -39,7 +39,11 @@ def make_turns(clauses: tuple[Clause, ...], nominal: Trace) -> Turns:
     What goes along with a clause has the same turn. They are as long as the composer makes
     them; a motion from elsewhere that lasts longer or shorter is divided in proportion.
     """
-    length, ends = len(nominal.place), _ends(clauses)
+    length = len(nominal.place)
+    if all(clause.accompanies for clause in clauses[1:]):
+        whole = np.tile(np.array([0, length], dtype=np.intp), (len(clauses), 1))
+        return Turns(whole, outline(nominal))
+    ends = _ends(clauses)
     stops = np.rint(np.array(ends) / (ends[-1] + REST) * length).astype(np.intp)
     stops[-1] = length
     starts = np.concatenate([[0], stops[:-1]])
