@@ -12,7 +12,10 @@ from robomirror_drake.messages import Array
 from robomirror_drake.motion.body import (
     LEG,
     MASS_WEIGHTS,
+    Pose,
     center_of_mass,
+    joint_positions,
+    move_pelvis,
 )
 from robomirror_drake.motion.bones import bone_lengths
 from robomirror_drake.motion.composer.balance import GRAVITY, angular_moment, center_of_mass_path
@@ -325,6 +328,25 @@ def test_recorded_motions_fit_in(name: str, mirrored: float) -> None:
     acceleration = np.diff(positions, 2, axis=0) * FPS**2
     middle = 0.5 * (acceleration[2:] + acceleration[:-2])
     assert np.abs(acceleration[1:-1] - middle).max() < 400.0  # as jerky as the recordings are
+
+
+def test_a_body_whose_pelvis_moves_is_as_if_posed_anew() -> None:
+    rng, n = np.random.default_rng(0), 20
+    foot = np.tile([[0.0, 0.1, ANKLE_HEIGHT], [0.0, -0.1, ANKLE_HEIGHT]], (n, 1, 1))
+    pose = Pose(
+        pelvis=np.array([0.0, 0.0, 0.85]) + 0.05 * rng.normal(size=(n, 3)),
+        pelvis_euler=0.2 * rng.normal(size=(n, 3)),
+        chest_euler=0.2 * rng.normal(size=(n, 3)),
+        head_euler=0.2 * rng.normal(size=(n, 3)),
+        foot=foot + 0.05 * rng.normal(size=(n, 2, 3)),
+        foot_yaw=0.3 * rng.normal(size=(n, 2)),
+        heel_rise=0.2 * rng.normal(size=(n, 2)),
+        arm=rng.normal(size=(n, 2, 4)),
+    )
+    posed, step = joint_positions(pose), 0.05 * rng.normal(size=(n, 3))
+    pose.pelvis[:] += step
+    move_pelvis(posed, pose, step)
+    np.testing.assert_allclose(posed, joint_positions(pose), atol=1e-12)
 
 
 def test_mass_fractions_are_whole() -> None:

@@ -126,6 +126,15 @@ def joint_positions(pose: Pose) -> Array:
     return points
 
 
+def move_pelvis(positions: Array, pose: Pose, step: Array) -> None:
+    """Bring joint positions (T, 22, 3) to a pose whose pelvis alone has moved, by ``step`` (T, 3).
+
+    The trunk goes along and the legs are solved again: as :func:`joint_positions`, in less time.
+    """
+    positions += step[:, None]
+    _pose_legs(pose.pelvis, pose.pelvis_euler, pose.foot, pose.foot_yaw, pose.heel_rise, positions)
+
+
 def about(axis: int, angle: Array) -> Array:
     """(T, 3, 3) rotations by (T,) angles [rad] about axis 0, 1 or 2."""
     c, s = np.cos(angle), np.sin(angle)
@@ -221,6 +230,19 @@ def _pose_body(
             _pose_arm(points, side, chest, arm[t, side], third, turned, low)
             _ankle(foot[t, side], foot_yaw[t, side], heel_rise[t, side], ankle)
             _pose_leg(points, side, base, ankle, foot_yaw[t, side], heel_rise[t, side])
+
+
+@numba.njit(cache=True)
+def _pose_legs(
+    pelvis: Array, pelvis_euler: Array, foot: Array, foot_yaw: Array, heel_rise: Array, out: Array
+) -> None:
+    base, ankle = np.empty((3, 3)), np.empty(3)
+    for t in range(len(pelvis)):
+        out[t, 0] = pelvis[t]
+        _turn(pelvis_euler[t, 0], pelvis_euler[t, 1], pelvis_euler[t, 2], base)
+        for side in range(2):
+            _ankle(foot[t, side], foot_yaw[t, side], heel_rise[t, side], ankle)
+            _pose_leg(out[t], side, base, ankle, foot_yaw[t, side], heel_rise[t, side])
 
 
 @numba.njit(cache=True)

@@ -16,6 +16,7 @@ from robomirror_drake.motion.body import (
     center_of_mass,
     joint_positions,
     leg_vectors,
+    move_pelvis,
 )
 from robomirror_drake.motion.composer.balance import angular_moment, center_of_mass_path
 from robomirror_drake.motion.composer.score import Score
@@ -66,9 +67,9 @@ def perform(score: Score, fps: float) -> Array:
         ).transpose(2, 0, 1),
     )
     height = pose.pelvis[:, 2].copy()
+    posed = joint_positions(pose)
     for _ in range(PASSES):
         before = pose.pelvis.copy()
-        posed = joint_positions(pose)
         com = center_of_mass(posed)
         angular = angular_moment(posed, MASS_WEIGHTS, 1.0 / fps)
         offset = com - pose.pelvis
@@ -77,11 +78,11 @@ def perform(score: Score, fps: float) -> Array:
         com_height = pose.pelvis[:, 2] + offset[:, 2]
         path = center_of_mass_path(zmp, com_height, angular, 1.0 / fps)
         pose.pelvis[:, :2] = path - offset[:, :2]
+        move_pelvis(posed, pose, pose.pelvis - before)
         if np.abs(pose.pelvis - before).max() < SETTLED:
             break
-    positions = joint_positions(pose)
-    positions[..., :2] -= positions[0, 0, :2]
-    return positions
+    posed[..., :2] -= posed[0, 0, :2]
+    return posed
 
 
 def _euler(channel: dict[str, Array], part: str) -> Array:
