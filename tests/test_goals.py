@@ -102,6 +102,15 @@ def test_a_gentler_version_is_the_same_task_and_a_faint_one_is_not(action):
     assert usual.score > gentler.score > faint.score
 
 
+def test_what_the_commands_own_motion_hardly_does_is_not_asked_for():
+    made = {a: make_goals(ROBOT, (Clause("jump", "jump", "dynamic"),), sized("jump", a)) for a in
+            (1.0, 0.4)}  # fmt: skip
+    named = {a: {p.name for p in goals_.predicates} for a, goals_ in made.items()}
+    assert "flight" in named[1.0]
+    assert named[0.4] == named[1.0] - {"flight"}
+    assert not measure(ROBOT, made[0.4], STANDING).done
+
+
 @pytest.mark.parametrize("said", ["left", "right"])
 def test_the_side_that_is_said_has_to_do_it(said):
     text, other = f"a person kicks with the {said} leg", {"left": "right", "right": "left"}[said]

@@ -25,6 +25,8 @@ ASTRAY = math.radians(35.0)
 """How far the way may lead aside of the direction that is wanted [rad]."""
 SHORT = 0.2
 """Way from which on its direction is looked at, and up to which it is none [m]."""
+FAINT = 0.01
+"""Figure up to which nothing can be told from noise [m], [rad], [s]."""
 FEWER = 0.6
 """Share of the usual repetitions that do where the words name no number."""
 
@@ -123,8 +125,11 @@ def make_goals(robot: Robot, clauses: tuple[Clause, ...], nominal: Array) -> Goa
 def _of_clause(clause: Clause, number: int, nominal: Trace) -> list[Predicate]:
     """The predicates of one clause, whose turn in the command's own motion is ``nominal``."""
     names = quantities_of()[clause.action]
-    made = [_predicate(clause, number, name, QUANTITIES[name], nominal) for name in names]
-    if "travel" in names and made[0].wanted > SHORT:
+    every = [_predicate(clause, number, name, QUANTITIES[name], nominal) for name in names]
+    # A jump that hardly leaves the floor is not asked to; something is asked for in any case.
+    clear = [p for p in every if p.wanted > FAINT or QUANTITIES[p.name].limit is not None]
+    made = clear or every
+    if any(p.name == "travel" and p.wanted > SHORT for p in made):
         made.append(_direction(clause, number, nominal))
     if "place" not in names and _stays(clause, nominal):
         made.append(_predicate(clause, number, "place", QUANTITIES["place"], nominal))
