@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from robomirror_drake.dataset.columns import episodes_table, frame_columns, frames_table
+from robomirror_drake.dataset.shards import Store, encode, write_shard
 from robomirror_drake.messages import Execution, HumanMotion, RobotReference
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.plan_options import PlanOptions
+from robomirror_drake.robot import load_robot
 
 RATE = 60.0
 
@@ -123,3 +129,70 @@ def reference() -> RobotReference:
         foot_force=force,
         planned=True,
     )
+
+
+Change = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
+
+
+@pytest.fixture(scope="session")
+def write_executions() -> Callable[..., Path]:
+    """Writes a data set in which who leans falls: an execution a command, every other one falls."""
+    return _write_executions
+
+
+def _write_executions(
+    folder: Path, change: Change = lambda *_: None, falls: float = 0.5, **commands: int
+) -> Path:
+    """Writes so many commands of each split; ``change`` may alter a row and its frames."""
+    rows, frames = [], []
+    for split, count in commands.items():
+        for number in range(count):
+            fell = number + 1 <= falls * count
+            row, arrays = _leaning(len(rows), split, fell)
+            change(row, arrays)
+            row["raw_q"] = np.asarray(row["raw_q"], np.float32).ravel()
+            row["raw_contact"] = np.ones(len(row["raw_q"]) // 30 * 8, np.bool_)
+            rows.append(row)
+            frames.append(arrays)
+    together = {name: np.concatenate([part[name] for part in frames]) for name in frames[0]}
+    shard = Store(folder).group(0, len(rows) - 1)
+    write_shard(shard, *encode(episodes_table(rows), frames_table(together, 23)))
+    about = {
+        "options": {"seed": 0, "per_prompt": 1, "executions": 1},
+        "prompts": {"count": len(rows)},
+        "versions": {},
+    }
+    (folder / "dataset.json").write_text(json.dumps(about))
+    return folder
+
+
+def _leaning(number: int, split: str, fell: bool) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """An execution of 1.5 s: the robot sways, and leans ever more for 0.9 s until it falls."""
+    rng = np.random.default_rng(number)
+    robot, time = load_robot(), np.arange(91) / RATE
+    heading, place = rng.uniform(-np.pi, np.pi), rng.normal(size=2)
+    fall_time = round(rng.uniform(1.0, 1.4) * RATE) / RATE if fell else None
+    rate = 0.6
+    lean = rate * np.clip(time - (fall_time or 99.0) + 0.9, 0.0, None)
+    turn = Rotation.from_euler("z", heading)
+    q = np.tile(robot.standing, (len(time), 1))
+    q[:, 4:6] = place
+    q[:, 7:] += rng.uniform(0.01, 0.1) * np.sin(3.0 * time + rng.uniform(0.0, 6.0))[:, None]
+    raw = q.copy()
+    raw[:, :4] = turn.as_quat(scalar_first=True)
+    done = q + 0.01 * rng.normal(size=q.shape)
+    leaning = turn * Rotation.from_rotvec(lean[:, None] * np.array([[0.0, 1.0, 0.0]]))
+    done[:, :4] = leaning.as_quat(scalar_first=True)
+    v = 0.1 * rng.normal(size=(len(time), 29))
+    v[:, :3] += turn.apply(np.array([0.0, 1.0, 0.0])) * rate * (lean > 0.0)[:, None]
+    arrays = {c.name: np.zeros((len(time), *c.shape)) for c in frame_columns()}
+    arrays |= {"time": time, "q": done, "v": v, "q_raw": raw, "v_raw": np.zeros_like(v)}
+    arrays |= {"episode": np.full(len(time), number), "frame": np.arange(len(time))}
+    row = {
+        "episode": number, "prompt_index": number, "prompt": f"sways {number} times",
+        "actions": ["sway"], "group": "expressive", "split": split, "candidate": 0,
+        "execution": 0, "kind": "nominal", "seed": number, "frames": len(time), "raw_q": raw,
+        "raw_duration_s": 1.5, "lead_s": 0.0, "fell": fell, "fall_time_s": fall_time,
+        "family": ("sideways" if number % 2 else "lunges") if split == "held_out" else None,
+    }  # fmt: skip
+    return row, arrays

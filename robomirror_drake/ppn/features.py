@@ -170,13 +170,18 @@ def _asked(body: Body, links: Links, a: Tensor, contact: Tensor) -> _Asked:
     shares = torch.stack([along, 1.0 - along], -1).clamp(0.02, 1.0) * contact.mean(-1)
     shares = shares / shares.sum(-1, keepdim=True).clamp(min=1e-3)
     force = torch.cat([a[..., :2], lift[..., None]], -1) / GRAVITY
-    at = soles + away.clamp(-_REACH, _REACH)
+    at = soles + _within(away, _REACH)
     torques = []
     for foot, leg in enumerate(body.legs):
         arm = at[..., foot, None, :] - links.p[..., [joint + 1 for joint in leg], :]
         moment = torch.linalg.cross(arm, force[..., None, :].expand_as(arm))
         torques.append((links.axis[..., leg, :] * moment).sum(-1) * shares[..., foot, None])
-    return _Asked(away.clamp(-1.0, 1.0), torch.cat(torques, -1))
+    return _Asked(_within(away, 1.0), torch.cat(torques, -1))
+
+
+def _within(x: Tensor, reach: float) -> Tensor:
+    """Vectors (…, n), shortened to a length where they are longer: alike from all sides."""
+    return x * (reach / x.norm(dim=-1, keepdim=True).clamp(min=reach))
 
 
 def _soles(body: Body, links: Links) -> Tensor:
