@@ -34,7 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rollout", "results"),
     ("run", "figures", "scene"),
     ("dataset",),
-    ("learning",),
+    ("learning", "adaptation"),
     ("bench_peer", "bench_tsid"),
     (
         "commands",
@@ -47,7 +47,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "motion_strips",
         "page",
     ),
-    ("report", "playback", "terminal", "survey_report", "measure_page"),
+    ("report", "playback", "terminal", "survey_report", "measure_page", "evaluation_page"),
     ("generator_commands",),
     ("dataset_commands", "learning_commands"),
     ("cli",),

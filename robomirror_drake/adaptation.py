@@ -1,0 +1,198 @@
+"""From candidate references to the one that the robot takes: choose, and change what none can do.
+
+The command's own motion, the first candidate, is kept where it is safe. Else the safe candidate
+of the best quality is chosen; where there is none, the likeliest ones are changed until they are
+safe (:mod:`robomirror_drake.optimization.adapt`), and the one that is nearest to its command is
+taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.special import expit
+
+from robomirror_drake.exceptions import InputError, UnknownCommandError
+from robomirror_drake.goals import Goals, Satisfaction, make_goals, measure
+from robomirror_drake.goals.margins import margins
+from robomirror_drake.messages import Array, QualityPrediction, Ranking, RobotReference
+from robomirror_drake.motion.text import parse
+from robomirror_drake.optimization.adapt import Adapted, AdaptOptions, Goal, adapt
+from robomirror_drake.ppn.features import RECORDED
+from robomirror_drake.ppn.predictor import Judged, Predictor
+from robomirror_drake.ranking import RankingOptions, rank
+from robomirror_drake.robot import Robot
+
+Method = Literal["none", "selection", "optimisation", "selection_optimisation"]
+"""``none`` takes the command's own motion; ``optimisation`` changes that one, if it has to;
+``selection`` takes one of the pool; ``selection_optimisation`` changes the likeliest ones of
+the pool where none is safe."""
+
+
+class AdaptationOptions(BaseModel):
+    """How the robot adapts what it was told to what it can do."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    method: Method = Field("selection_optimisation", description="what may be done")
+    predictor: str = Field("ppn_1s", description="weights in assets/ppn, or a path")
+    every: float = Field(0.5, gt=0.0, le=10.0, description="between windows that are judged [s]")
+    optimised: int = Field(2, ge=1, le=64, description="candidates that are changed, at most")
+    ranking: RankingOptions = RankingOptions()
+    optimiser: AdaptOptions = Field(AdaptOptions(), description="its T_safe is that of the ranking")
+
+
+@dataclass(frozen=True, eq=False)
+class Adaptation:
+    """What was made of a command, and why.
+
+    Attributes:
+        reference: What the robot takes; kinematic.
+        how: ``kept``, ``selected``, ``optimised``; ``unsafe`` where nothing safe was found,
+            and the safest is taken.
+        candidate: From which candidate it comes.
+        risk_before: P(fall) of the command's own motion, as predicted.
+        risk: P(fall) of what is taken.
+        ranking: Of the candidates; None where only the first was looked at.
+        goals: What the command means; None where it has no words.
+        satisfaction: How well what is taken does that, as a reference.
+        changed: Of what was optimised, why and how; None where nothing was.
+        reason: A sentence.
+    """
+
+    reference: RobotReference
+    how: Literal["kept", "selected", "optimised", "unsafe"]
+    candidate: int
+    risk_before: float
+    risk: float
+    ranking: Ranking | None
+    goals: Goals | None
+    satisfaction: Satisfaction | None
+    changed: Adapted | None
+    reason: str
+
+
+class WholeMotionJudge:
+    """A predictor as the optimiser's judge of whole motions."""
+
+    def __init__(self, predictor: Predictor, every: float) -> None:
+        self._predictor, self._every = predictor, every
+
+    def judge(self, q: Array, contact: Array, history: object = None) -> Judged:
+        """Of motions (n, N, 30), (n, N, 2, 4), of a robot that stands where they begin."""
+        if history is not None:
+            raise InputError("whole motions are judged from rest; give no history")
+        return self._predictor.judge(q, contact.astype(np.float64), every=self._every)
+
+
+def foresee(
+    predictor: Predictor, references: Sequence[RobotReference], every: float
+) -> QualityPrediction:
+    """What becomes of whole references from rest: risk and errors over all of their windows.
+
+    Shorter ones are held at their end for as long as the longest.
+    """
+    step = round(RECORDED / predictor.options.rate)
+    count = max(len(reference.time) for reference in references)
+    rows = np.arange(0, count + step - 1, step)
+    q = np.stack([r.q[np.minimum(rows, len(r.time) - 1)] for r in references])
+    contact = np.stack([r.contact[np.minimum(rows, len(r.time) - 1)] for r in references])
+    judged = predictor.judge(q, contact.astype(np.float64), every=every)
+    return QualityPrediction(float(count / RECORDED), expit(judged.logit), *judged.errors.T)
+
+
+def adapt_command(
+    robot: Robot,
+    command: str,
+    references: Sequence[RobotReference],
+    predictor: Predictor,
+    options: AdaptationOptions | None = None,
+) -> Adaptation:
+    """Chooses among candidates, or changes them, so that the robot can do what it was told.
+
+    Args:
+        robot: The robot, which stands as each candidate begins.
+        command: The words; the goal is not looked at where they are not understood.
+        references: Kinematic references of the candidates, the command's own motion first.
+        predictor: What foresees falls.
+        options: Which method, thresholds and weights.
+
+    Raises:
+        InputError: There is no candidate.
+    """
+    options = options or AdaptationOptions()
+    if not references:
+        raise InputError(f"{command!r} has no candidate that the robot can follow")
+    goals = _goals(robot, command, references[0])
+    pool = "selection" in options.method
+    looked = references if pool else references[:1]
+    foreseen = foresee(predictor, looked, options.every)
+    satisfactions = None if goals is None else [measure(robot, goals, r.q) for r in looked]
+    ranking = rank([r.residuals for r in looked], foreseen, satisfactions, options.ranking)
+    risk = foreseen.fall_probability
+
+    def took(how: Literal["kept", "selected", "unsafe"], i: int, reason: str) -> Adaptation:
+        done = None if satisfactions is None else satisfactions[i]
+        return Adaptation(
+            looked[i], how, i, float(risk[0]), float(risk[i]), ranking, goals, done, None, reason
+        )
+
+    if options.method == "none" or ranking.safe[0]:
+        return took("kept", 0, f"the command's own motion is kept: P(fall) {risk[0]:.1%}")
+    best = next((int(i) for i in ranking.order if _suits(i, ranking, satisfactions)), None)
+    if best is not None:
+        return took("selected", best, f"candidate {best} instead of 0: {ranking.reasons[best]}")
+    if "optimisation" in options.method:
+        found = _optimised(robot, goals, looked, ranking, predictor, options)
+        if found is not None:
+            i, changed = found
+            done = None if goals is None else measure(robot, goals, changed.reference.q)
+            return Adaptation(
+                changed.reference, "optimised", i, float(risk[0]), changed.risk, ranking, goals,
+                done, changed, changed.explanation.sentence,
+            )  # fmt: skip
+    i = int(ranking.best)
+    return took("unsafe", i, f"nothing safe was found; {ranking.reasons[i]}")
+
+
+def _suits(i: int, ranking: Ranking, satisfactions: Sequence[Satisfaction] | None) -> bool:
+    """Whether a candidate is safe and does what the command means."""
+    return bool(ranking.safe[i]) and (satisfactions is None or satisfactions[i].done)
+
+
+def _goals(robot: Robot, command: str, own: RobotReference) -> Goals | None:
+    """What the command means, None where its words are not understood."""
+    try:
+        return make_goals(robot, parse(command), own.q)
+    except (InputError, UnknownCommandError):
+        return None
+
+
+def _optimised(
+    robot: Robot,
+    goals: Goals | None,
+    references: Sequence[RobotReference],
+    ranking: Ranking,
+    predictor: Predictor,
+    options: AdaptationOptions,
+) -> tuple[int, Adapted] | None:
+    """The least changed safe version of the likeliest candidates; None where there is none."""
+    likely = [int(i) for i in ranking.order[: options.optimised]]
+    kept = () if goals is None else margins(robot, goals, predictor.options.rate)
+    made = adapt(
+        robot,
+        [references[i] for i in likely],
+        WholeMotionJudge(predictor, options.every),
+        [Goal(name, function) for name, function in kept],
+        options.optimiser.model_copy(update={"safe": options.ranking.t_safe}),
+    )
+    safe = [
+        (changed.explanation.deviation, i, changed)
+        for i, changed in zip(likely, made, strict=True)
+        if changed.safe and (goals is None or measure(robot, goals, changed.reference.q).done)
+    ]
+    return min(safe, key=lambda found: found[:2])[1:] if safe else None
