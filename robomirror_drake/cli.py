@@ -29,7 +29,7 @@ from robomirror_drake.exceptions import (
     RoboMirrorError,
 )
 from robomirror_drake.generator_commands import app as generator_app
-from robomirror_drake.learning_commands import train
+from robomirror_drake.learning_commands import evaluate, train
 from robomirror_drake.terminal import (
     JsonOption,
     check_file,
@@ -58,6 +58,7 @@ app.add_typer(bench, name="bench")
 app.add_typer(generator_app, name="generator")
 app.add_typer(dataset_app, name="dataset")
 app.command()(train)
+app.command()(evaluate)
 
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Group
@@ -13,7 +13,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from robomirror_drake.exceptions import ConfigError
-from robomirror_drake.terminal import console, out
+from robomirror_drake.terminal import (
+    JsonOption,
+    check_file,
+    console,
+    out,
+    progress_bars,
+    write_json,
+    write_text,
+)
 
 if TYPE_CHECKING:
     from robomirror_drake.learning.train import Epoch
@@ -148,3 +156,65 @@ def print_weights(path: Path) -> None:
         f"commands; data set {data['fingerprint']} of {data['executions']} executions",
         highlight=False,
     )
+
+
+def evaluate(
+    more: Annotated[
+        list[Path] | None, typer.Argument(metavar="[WEIGHTS]...", help="As --weights.")
+    ] = None,
+    data: Annotated[Path, typer.Option(help="Folder of a data set.")] = Path("results/data"),
+    weights: Annotated[
+        list[Path] | None,
+        typer.Option(help="Files of weights, or folders that hold some; by default the packaged."),
+    ] = None,
+    baselines: Annotated[bool, typer.Option(help="Train and judge the baselines too.")] = True,
+    draws: Annotated[int, typer.Option(help="Of the bootstrap.")] = 2000,
+    seed: Annotated[int, typer.Option(help="Of the bootstrap and the baselines.")] = 0,
+    threads: Annotated[int, typer.Option(help="Of the processor.")] = 1,
+    robot: Annotated[str, typer.Option(help="Robot of the data set.")] = "jvrc1",
+    json_file: JsonOption = None,
+    html: Annotated[Path | None, typer.Option(help="Write a page with plots here.")] = None,
+    card: Annotated[
+        Path | None, typer.Option(help="Write a card for the weights here, in Markdown.")
+    ] = None,
+) -> None:
+    """How good predictors are on commands they have not seen, beside two baselines.
+
+    Example: robomirror evaluate --data results/data --weights results --html ppn.html
+    """
+    for file in (json_file, html, card):
+        check_file(file)
+    from robomirror_drake.dataset.printing import plain
+    from robomirror_drake.evaluation_page import (
+        print_evaluation,
+        render_card,
+        render_evaluation,
+    )
+    from robomirror_drake.learning.evaluate import EvaluateOptions
+    from robomirror_drake.learning.evaluate import evaluate as run
+    from robomirror_drake.yaml_file import validate
+
+    given = {
+        "data": data, "robot": robot, "baselines": baselines, "draws": draws, "seed": seed,
+        "threads": threads,
+    }  # fmt: skip
+    options = validate(EvaluateOptions, given, "command line")
+    with progress_bars() as progress:
+        tasks: dict[str, Any] = {}
+
+        def report(stage: str, done: int, total: int | None) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=total)
+            words = stage if total else f"{stage} {done}"
+            progress.update(tasks[stage], completed=done, total=total, description=words)
+
+        figures, judged = run([*(weights or []), *(more or [])], options, report)
+    print_evaluation(figures, out)
+    write_json(json_file, plain(figures))
+    for path, text in (
+        (html, html and render_evaluation(figures, judged)),
+        (card, card and render_card(figures)),
+    ):
+        if path is not None:
+            write_text(path, str(text))
+            console.print(f"wrote {path}", highlight=False)

@@ -12,10 +12,13 @@ from plotly.offline import get_plotlyjs
 
 
 def render(template: str, **values: Any) -> str:
-    """A page from a template of ``assets/templates``; ``plotly_js`` is there for it."""
+    """A page from a template of ``assets/templates``; ``plotly_js`` is there for it.
+
+    In a template of Markdown nothing is escaped.
+    """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("robomirror_drake.assets", "templates"),
-        autoescape=True,
+        autoescape=not template.endswith(".md"),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

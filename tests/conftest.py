@@ -191,7 +191,7 @@ def _leaning(number: int, split: str, fell: bool) -> tuple[dict[str, Any], dict[
     row = {
         "episode": number, "prompt_index": number, "prompt": f"sways {number} times",
         "actions": ["sway"], "group": "expressive", "split": split, "candidate": 0,
-        "execution": 0, "kind": "nominal", "seed": number, "frames": len(time), "raw_q": raw,
+        "execution": 0, "kind": "nominal", "seed": number, "frames": len(time), "raw_q": raw.copy(),
         "raw_duration_s": 1.5, "lead_s": 0.0, "fell": fell, "fall_time_s": fall_time,
         "family": ("sideways" if number % 2 else "lunges") if split == "held_out" else None,
     }  # fmt: skip

@@ -85,4 +85,6 @@ def plain(value: Any) -> Any:
     """The same with null where a number is not finite, as JSON has it."""
     if isinstance(value, dict):
         return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [plain(part) for part in value]
     return None if isinstance(value, float) and value != value else value

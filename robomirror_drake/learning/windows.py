@@ -68,7 +68,7 @@ class Windows:
         errors: (W, 5) natural logarithms of the mean errors.
         episode: (W,) row of ``episodes``.
         episodes: What the data set says of each.
-        fingerprint: Of the episodes.
+        fingerprint: Of the episodes, mirrored ones aside.
     """
 
     states: Tensor
@@ -137,7 +137,8 @@ def load_windows(
             references += len(made["references"])
             parts.append(made)
             episodes.append(episode.about)
-            digest.update(f"{episode.about['episode']} {episode.about['seed']} ".encode())
+            if not episode.about["mirrored"]:
+                digest.update(f"{episode.about['episode']} {episode.about['seed']} ".encode())
         if report is not None:
             report(len(episodes))
     if not parts:

@@ -1,0 +1,301 @@
+"""Evaluate predictors on commands they have not seen: the paper's Table 1, and what it hides."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+
+from robomirror_drake import checkpoint
+from robomirror_drake.dataset.windows import ERRORS
+from robomirror_drake.exceptions import ConfigError, ResultError
+from robomirror_drake.learning.baselines import fit_baselines
+from robomirror_drake.learning.calibrate import balanced_threshold
+from robomirror_drake.learning.judge import (
+    Told,
+    Truth,
+    error_figures,
+    fall_figures,
+    family_figures,
+)
+from robomirror_drake.learning.metrics import Draws, interval
+from robomirror_drake.learning.train import CHECKPOINT, predict
+from robomirror_drake.learning.windows import Integers, Windows, load_windows
+from robomirror_drake.ppn.options import PPNOptions
+from robomirror_drake.ppn.predictor import Predictor, load_predictor
+from robomirror_drake.robot import Robot, load_robot
+
+Report = Callable[[str, int, int | None], None]
+
+
+class EvaluateOptions(BaseModel):
+    """What predictors are judged on, and how."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    data: Path = Field(Path("results/data"), description="folder of a data set")
+    robot: str = Field("jvrc1", description="name of a YAML in assets/robots, or its path")
+    spacing: float = Field(0.1, gt=0.0, le=5.0, description="of an episode's windows [s]")
+    draws: int = Field(2000, ge=10, le=1_000_000, description="of the bootstrap")
+    baselines: bool = Field(True, description="train and judge the baselines too")
+    seed: int = Field(0, ge=0, le=2**32 - 1, description="of the bootstrap and the baselines")
+    threads: int = Field(1, ge=1, le=256, description="of the processor")
+
+
+class Weights(NamedTuple):
+    """Trained weights.
+
+    Attributes:
+        path: Their file.
+        model: What they are a model of, in words.
+        predictor: Made from them.
+    """
+
+    path: Path
+    model: str
+    predictor: Predictor
+
+    @property
+    def options(self) -> PPNOptions:
+        """Of the network."""
+        return self.predictor.options
+
+    @property
+    def training(self) -> dict[str, Any]:
+        """Settings that they were trained with."""
+        return dict(self.predictor.header["options"])
+
+
+class Judgement(NamedTuple):
+    """One predictor on one part of the data.
+
+    Attributes:
+        row: Its figures.
+        truth, told: Of the windows of unseen commands.
+    """
+
+    row: dict[str, Any]
+    truth: Truth
+    told: Told
+
+
+def evaluate(
+    paths: Sequence[Path],
+    options: EvaluateOptions,
+    report: Report = lambda *_: None,
+) -> tuple[dict[str, Any], list[Judgement]]:
+    """All figures, as they go to JSON, and what they were worked out from.
+
+    Args:
+        paths: Files of weights, or folders with such files at any depth; none: the packaged.
+        options: What they are judged on.
+        report: Told the stage, how much of it is done, and of how much.
+
+    Raises:
+        ConfigError: A file holds no weights for this robot.
+        ResultError: There are no weights, or the data set has no windows to judge by.
+    """
+    torch.set_num_threads(options.threads)
+    robot = load_robot(options.robot)
+    models = load_all(paths, robot)
+    judged: list[Judgement] = []
+    parts: dict[str, Any] = {}
+    for horizon, rate in sorted({(m.options.horizon, m.options.rate) for m in models}):
+        own = [m for m in models if (m.options.horizon, m.options.rate) == (horizon, rate)]
+        data = load_windows(
+            options.data, robot, own[0].options, options.spacing, options.baselines,
+            lambda count: report(f"{horizon:g} s: episodes", count, None),  # noqa: B023
+        )  # fmt: skip
+        made = _judge(own, data, robot, options, report)
+        judged += made
+        parts[f"{horizon:g}"] = {"fingerprint": data.fingerprint, **_parts(data)}
+    figures = {
+        "options": options.model_dump(mode="json", exclude={"threads"}),
+        "data": _told_of(options.data),
+        "parts": parts,
+        "rows": [judgement.row for judgement in judged],
+    }
+    return figures, judged
+
+
+def load_all(paths: Sequence[Path], robot: Robot) -> list[Weights]:
+    """All weights in files and folders, the full models first.
+
+    Raises:
+        ConfigError: A file holds no weights for this robot.
+        ResultError: There are none.
+    """
+    places = paths or [Path(str(files("robomirror_drake.assets") / "ppn"))]
+    found = list(dict.fromkeys(file for place in places for file in _files(place)))
+    if not found:
+        raise ResultError(
+            f"{', '.join(map(str, places))}: no weights of a {checkpoint.PREDICTOR}; "
+            "train them with `robomirror train`, or name others with --weights"
+        )
+    loaded = [(path, load_predictor(path, robot)) for path in found]
+    told = [(p.options.horizon, _described(p)) for _, p in loaded]
+    models = [
+        Weights(
+            path,
+            words if told.count((horizon, words)) == 1 else f"{words} ({path})",
+            predictor,
+        )
+        for (path, predictor), (horizon, words) in zip(loaded, told, strict=True)
+    ]
+    return sorted(models, key=lambda m: (m.options.horizon, len(m.model), m.model))
+
+
+def _files(place: Path) -> Iterator[Path]:
+    if place.is_file():
+        yield place
+        return
+    if not place.is_dir():
+        raise ResultError(f"{place}: no such file or folder of weights")
+    for path in sorted(place.rglob("*.safetensors")):
+        if path.name != CHECKPOINT:
+            yield path
+
+
+def _described(predictor: Predictor) -> str:
+    """What a network is: all of it, or what it does without."""
+    options, share = predictor.options, predictor.header["options"]["share"]
+    lacks = [
+        words
+        for words, there in (
+            ("reference", options.use_reference),
+            ("state", options.use_state),
+            ("cross-attention", options.use_cross_attention),
+        )
+        if not there
+    ]
+    words = "PPN" + (f" without {' and '.join(lacks)}" if lacks else "")
+    return words if share == 1.0 else f"{words}, {100 * share:g} % of the commands"
+
+
+def _judge(
+    models: list[Weights], data: Windows, robot: Robot, options: EvaluateOptions, report: Report
+) -> list[Judgement]:
+    """Models of one horizon, then the baselines, on the same windows."""
+    unseen, held, judged = (_windows(data, name) for name in ("test", "held_out", "validation"))
+    _check(options.data, "test", data, unseen)
+    truths = [Truth.of(data, which) for which in (unseen, held)]
+    draws = [Draws(truth.command, options.draws, options.seed) for truth in truths]
+    horizon = models[0].options.horizon
+    made = []
+    for number, model in enumerate(models, start=1):
+        told = [_told(model.predictor, data, which) for which in (unseen, held)]
+        made.append(Judgement(_about(model) | _row(truths, told, draws), truths[0], told[0]))
+        report(f"{horizon:g} s: networks", number, len(models))
+    if options.baselines:
+        learned = data.of(lambda row: row["split"] == "train")
+        for name, which in (("validation", judged), ("train", learned)):
+            _check(options.data, name, data, which)
+        fitted = fit_baselines(
+            data, learned, judged, robot, models[0].options, options.seed,
+            lambda done, total: report(f"{horizon:g} s: baselines", done, total),
+        )  # fmt: skip
+        threshold = balanced_threshold(float(data.fall[judged].float().mean()))
+        for baseline in fitted:
+            about = {"model": baseline.name, "horizon_s": horizon, "share": 1.0}
+            told = [Told(*baseline.predict(which), threshold) for which in (unseen, held)]
+            made.append(Judgement(about | _row(truths, told, draws), truths[0], told[0]))
+    _compare(made, draws[0])
+    return made
+
+
+def _told(predictor: Predictor, data: Windows, which: Integers) -> Told:
+    """What a network predicts."""
+    threshold = balanced_threshold(predictor.header["data"]["falls_validation"])
+    if not len(which):
+        return Told(np.zeros(0), np.zeros((0, len(ERRORS))), threshold)
+    scores = predict(predictor.network, data, which)
+    return Told(scores.fall.double().numpy(), scores.errors.double().numpy(), threshold)
+
+
+def _about(model: Weights) -> dict[str, Any]:
+    """What is to be said of a network."""
+    return {
+        "model": model.model,
+        "horizon_s": model.options.horizon,
+        "share": model.training["share"],
+        "seed": model.training["seed"],
+        "weights": str(model.path),
+        "parameters": sum(p.numel() for p in model.predictor.network.parameters()),
+        "trained_on": model.predictor.header["data"],
+    }
+
+
+def _row(truths: list[Truth], told: list[Told], draws: list[Draws]) -> dict[str, Any]:
+    """All figures on the commands of the test split, and on the held-out families."""
+    (test, held), (test_told, held_told) = truths, told
+    row = fall_figures(test, test_told, draws[0])
+    row |= {"errors": error_figures(test, test_told), "test": test.counts(), "held_out": None}
+    if len(held.fall):
+        row["held_out"] = {
+            **fall_figures(held, held_told, draws[1]),
+            "errors": error_figures(held, held_told),
+            **held.counts(),
+            "families": family_figures(held, held_told),
+        }
+    return row
+
+
+def _compare(judged: list[Judgement], draws: Draws) -> None:
+    """Adds to each row by how much the first one, the full model, is ahead of it."""
+    if judged[0].row["model"] != "PPN":
+        return
+    truth = judged[0].truth
+    best = draws.balanced(judged[0].told.alarm, truth.fall)
+    for judgement in judged[1:]:
+        behind = best - draws.balanced(judgement.told.alarm, truth.fall)
+        judgement.row["behind_ppn"] = {
+            "fall_accuracy": judged[0].row["fall_accuracy"] - judgement.row["fall_accuracy"],
+            "interval": interval(behind),
+        }
+
+
+def _check(folder: Path, split: str, data: Windows, which: Integers) -> None:
+    falls = int(data.fall[which].sum())
+    if falls == 0 or falls == len(which):
+        raise ResultError(
+            f"{folder}: of {len(which)} windows of the split {split!r}, {falls} have a fall; "
+            "some must and some must not: execute more commands"
+        )
+
+
+def _windows(data: Windows, split: str) -> Integers:
+    """Windows of a split, mirrored episodes aside."""
+    return data.of(lambda row: row["split"] == split and not row["mirrored"])
+
+
+def _parts(data: Windows) -> dict[str, dict[str, int]]:
+    """How much there is of each split."""
+    names = ("train", "validation", "test", "held_out")
+    return {name: Truth.of(data, _windows(data, name)).counts() for name in names}
+
+
+def _told_of(folder: Path) -> dict[str, Any]:
+    """What a data set says of how it was made.
+
+    Raises:
+        ConfigError: The file that says so is damaged.
+    """
+    path = folder / "dataset.json"
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        return {
+            "folder": str(folder),
+            "seed": told["options"]["seed"],
+            "per_prompt": told["options"]["per_prompt"],
+            "executions": told["options"]["executions"],
+            "prompts": told["prompts"],
+            "versions": told["versions"],
+        }
+    except (OSError, ValueError, KeyError) as error:
+        raise ConfigError(f"{path}: does not tell what data set this is: {error}") from error
