@@ -105,10 +105,11 @@ def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
         drawn = rng.uniform(low, high)
         return float(value + diversity * (drawn - value))
 
+    # Rather gentler than the nominal style: it is what a robot may be in need of.
     return Style(
-        tempo=around(nominal.tempo, 0.78, 1.22),
-        amplitude=around(nominal.amplitude, 0.75, 1.25),
-        step_length=around(nominal.step_length, 0.75, 1.15),
+        tempo=around(nominal.tempo, 0.6, 1.22),
+        amplitude=around(nominal.amplitude, 0.6, 1.25),
+        step_length=around(nominal.step_length, 0.6, 1.15),
         step_width=around(nominal.step_width, 0.18, 0.26),
         # Lower, and a slow foot cannot be told from a standing one by its motion.
         step_height=around(nominal.step_height, 0.065, 0.10),
