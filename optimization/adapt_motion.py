@@ -93,11 +93,13 @@ def sample(
     poses = body_poses(
         legs.tree, np.ascontiguousarray(R[:, 0]), np.hstack([position[:, 0], 0 * phi[:, 0], joints])
     )
-    row = np.clip(np.searchsorted(path.time, tau + 1e-9, side="right") - 1, 0, None)
+    # In contact where both samples beside are: a foot that begins to lift in between does not.
+    last = len(path.time) - 1
+    before = np.searchsorted(path.time, tau + 1e-9, side="right") - 1
+    after = np.searchsorted(path.time, tau - 1e-9)
+    contact = path.contact[np.clip(before, 0, last)] & path.contact[np.clip(after, 0, last)]
     empty = np.empty((len(tau), 0, layout.size))
-    made = Samples(
-        time, q, path.contact[row], float(miss.max()), *poses, at.load[0], empty, empty, empty
-    )
+    made = Samples(time, q, contact, float(miss.max()), *poses, at.load[0], empty, empty, empty)
     if not derivatives:
         return made
     J_l = rotations.left_jacobian(phi)

@@ -12,6 +12,10 @@ Variable = Literal["tempo", "amplitude", "stride", "base", "lean", "upper", "fee
 its roll and pitch (``lean``), of waist and arms (``upper``), of feet in the air (``feet``)."""
 
 
+Beginning = Literal["command", "slower", "smaller", "both"]
+"""Where to start from: the command as it is, or with less tempo, amplitude and stride."""
+
+
 class _Options(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -68,8 +72,14 @@ class AdaptOptions(_Options):
     horizon: float | None = Field(
         None, gt=0.0, description="of the motion to look at; None: all of it [s]"
     )
+    starts: tuple[Beginning, ...] = Field(
+        ("command", "both"), min_length=1, description="where to start from, for each reference"
+    )
     iterations: int = Field(12, ge=1, le=500, description="judged steps at most")
     tolerance: float = Field(0.01, gt=0.0, description="share of the cost that a step must save")
+    hurry: bool = Field(
+        False, description="stop where it is safe by half the margin, be it the least change or not"
+    )
     penalty: float = Field(30.0, gt=0.0, description="of a violated constraint, at first")
     radius: float = Field(1.0, gt=0.0, description="first trust region, in the scales above")
     qp_solver: Literal["daqp", "osqp", "piqp", "proxqp", "quadprog"] = Field(

@@ -131,7 +131,7 @@ class MotionPath(NamedTuple):
             miss = time - tau - sigma * self.stretched(tau)
             step = miss / (1.0 + sigma * self.stretch(tau))
             tau = np.clip(tau + step, 0.0, self.duration)
-            if np.abs(step[tau < self.duration]).max(initial=0.0) < 1e-12:
+            if np.abs(step[tau < self.duration]).max(initial=0.0) < 1e-11:
                 break
         over = time > self.duration + sigma * self.stretched(self.duration) - 1e-12
         rate = np.where(over, 0.0, 1.0 / (1.0 + sigma * self.stretch(tau)))
@@ -161,8 +161,11 @@ def make_path(legs: Legs, reference: RobotReference, options: AdaptOptions) -> M
     broad, narrow = options.smoothing / dt, options.path_smoothing / dt
 
     excursion, turn, way = np.zeros_like(p), np.zeros_like(p), np.zeros_like(p)
-    way[:, 0, :2] = _smooth(p[:, 0, :2], narrow) - p[0, 0, :2]
-    excursion[:, 0, :2] = p[:, 0, :2] - p[0, 0, :2] - way[:, 0, :2]
+    moving = [bool(np.abs(reference.v[end]).max() > _MOVING) for end in (0, -1)]
+    # A motion that is under way at its start goes on as it did.
+    eased = _ease(np.minimum(time / _EASE, 1.0))[:, None] if moving[0] else np.ones((len(q), 1))
+    way[:, 0, :2] = eased * (_smooth(p[:, 0, :2], narrow) - p[0, 0, :2])
+    excursion[:, 0, :2] = p[:, 0, :2] - _smooth(p[:, 0, :2], narrow)
     excursion[:, 0, 2] = p[:, 0, 2] - _smooth(p[:, 0, 2:], broad)[:, 0]
     turn[:, 0] = _tilt(R[:, 0])
     turn[:, 0] -= _smooth(turn[:, 0], broad)
@@ -181,13 +184,12 @@ def make_path(legs: Legs, reference: RobotReference, options: AdaptOptions) -> M
             )
             swing[part, foot] = (4.0 * s * (1.0 - s))[:, 0]
     quaternions = [continuous(rotations.quaternion(R[:, link])) for link in range(LINKS)]
-    rows = [p, *quaternions, upper, excursion, turn, upper - _smooth(upper, broad), way, swing]
+    bend = eased * (upper - _smooth(upper, broad))
+    excursion, turn = eased[..., None] * excursion, eased[..., None] * turn
+    rows = [p, *quaternions, upper, excursion, turn, bend, way, swing]
     rows.append(_loads(center, p[:, 1:], stands, _SHORTEST / dt))
     columns = np.hstack([row.reshape(len(q), -1) for row in [*rows, q[:, 7:]]])
-    moving = [bool(np.abs(reference.v[end]).max() > _MOVING) for end in (0, -1)]
-    w = 1.0 - flying(reference, time)
-    if moving[0]:
-        w = w * _ease(np.minimum(time / _EASE, 1.0))
+    w = (1.0 - flying(reference, time)) * eased[:, 0]
     stretch = PchipInterpolator(time, w)
     return MotionPath(
         duration=float(time[-1]),

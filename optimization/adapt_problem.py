@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import ceil, floor
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from robomirror_drake.exceptions import InputError
-from robomirror_drake.messages import Array, BoolArray, RobotReference
+from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.adapt_legs import Legs
 from robomirror_drake.optimization.adapt_motion import Samples, quaternion_gradient, sample
 from robomirror_drake.optimization.adapt_options import AdaptOptions
@@ -33,9 +34,6 @@ STEP = 0.05
 
 REACH = 1e-6
 """How far a foot may be from where it should be [m, rad]."""
-
-History = tuple[Array, Array]
-"""The robot's last half second at 20 Hz, now last: q (S, 30) and v (S, 29)."""
 
 
 class Judged(Protocol):
@@ -51,8 +49,9 @@ class Judged(Protocol):
 class Judge(Protocol):
     """Tells how likely whole motions are to end in a fall."""
 
-    def judge(self, q: Array, contact: BoolArray, history: History | None) -> Judged:
-        """Of motions q (n, N, 30) at 20 Hz with their schedules (n, N, 2, 4)."""
+    def judge(self, q: Array, contact: npt.NDArray[Any], history: Any) -> Judged:
+        """Of motions q (n, N, 30) at 20 Hz with their schedules (n, N, 2, 4), and what it takes
+        for the robot's past; None where it stands as they begin."""
         ...
 
 
@@ -77,7 +76,7 @@ class Problem(NamedTuple):
         legs, path, layout, limits: What it was made into.
         goals: What must be kept beside.
         ceiling: Highest logit that is aimed at.
-        horizon: Time to look at [s]; None for all of the motion.
+        seen: How many samples the judge is shown; None for all.
     """
 
     reference: RobotReference
@@ -87,15 +86,14 @@ class Problem(NamedTuple):
     limits: Limits
     goals: tuple[Goal, ...]
     ceiling: float
-    horizon: float | None
+    seen: int | None
 
     def count(self, z: Array) -> int:
         """Number of samples that show the motion of variables z to its end."""
-        if self.horizon is not None:
-            return floor(self.horizon / STEP + 1e-9) + 1
         sigma = self.layout.changes(z)[0]
         whole = self.path.duration + sigma * float(self.path.stretched(self.path.duration))
-        return ceil(whole / STEP - 1e-9) + 1
+        # A motion that is cut off moves at its end, and does not stand still thereafter.
+        return (ceil if self.path.resting[1] else floor)(whole / STEP - 1e-6) + 1
 
 
 class Point(NamedTuple):
@@ -175,29 +173,33 @@ def make_problem(
         make_limits(robot, legs, command, options),
         tuple(goals),
         fall_ceiling(options) - options.margin,
-        _horizon(path, options),
+        _seen(path, options),
     )
 
 
-def _horizon(path: MotionPath, options: AdaptOptions) -> float | None:
-    """Time to look at: a motion that is cut off is not followed beyond its end at any tempo."""
-    if path.resting[1]:
-        return options.horizon
-    hasty = 1.0 / options.bounds.fastest - 1.0 if "tempo" in options.variables else 0.0
-    most = path.duration + hasty * float(path.stretched(path.duration))
-    return most if options.horizon is None else min(most, options.horizon)
+def _seen(path: MotionPath, options: AdaptOptions) -> int | None:
+    """How many samples to judge: of a motion that is cut off what there is at any tempo."""
+    horizon = options.horizon
+    if not path.resting[1]:
+        hasty = 1.0 / options.bounds.fastest - 1.0 if "tempo" in options.variables else 0.0
+        most = path.duration + hasty * float(path.stretched(path.duration))
+        horizon = most if horizon is None else min(most, horizon)
+    return None if horizon is None else floor(horizon / STEP + 1e-6) + 1
 
 
-def evaluate(problem: Problem, z: Array, count: int | None = None) -> Point:
+def evaluate(
+    problem: Problem, z: Array, count: int | None = None, derivatives: bool = True
+) -> Point:
     """A problem at variables z (X,), not yet judged.
 
     Args:
         problem: The problem.
         z: Its variables.
         count: Number of samples; by default those that show it to its end.
+        derivatives: Whether to work out any; without, they are NaN or empty.
     """
     time = np.arange(count or problem.count(z), dtype=np.float64) * STEP
-    samples = sample(problem.legs, problem.path, problem.layout, z, time)
+    samples = sample(problem.legs, problem.path, problem.layout, z, time, derivatives)
     gradient = problem.layout.hessian @ z
     values = [goal.function(samples.q) for goal in problem.goals]
     by_goals = [pulled(samples, by_q) for _, by_q in values]
@@ -214,27 +216,39 @@ def evaluate(problem: Problem, z: Array, count: int | None = None) -> Point:
     )
 
 
-def judged(judge: Judge, points: Sequence[Point], history: History | None = None) -> list[Point]:
-    """Points of equally many samples with what the judge says, asked once for all.
+def judged(
+    judge: Judge, problems: Sequence[Problem], points: Sequence[Point], history: Any = None
+) -> list[Point]:
+    """Points with what the judge says, asked once for all: shorter motions stand at their end.
 
     Raises:
         InputError: The judge's answer is not finite.
     """
+    lengths = [
+        len(point.samples.q) if problem.seen is None else min(problem.seen, len(point.samples.q))
+        for problem, point in zip(problems, points, strict=True)
+    ]
+    longest = np.arange(max(lengths))
+    shown = [np.minimum(longest, length - 1) for length in lengths]
     answer = judge.judge(
-        np.stack([point.samples.q for point in points]),
-        np.stack([point.samples.contact for point in points]),
+        np.stack([point.samples.q[rows] for point, rows in zip(points, shown, strict=True)]),
+        np.stack([point.samples.contact[rows] for point, rows in zip(points, shown, strict=True)]),
         history,
     )
     logit, gradient = np.asarray(answer.logit), np.asarray(answer.gradient)
     if not (np.isfinite(logit).all() and np.isfinite(gradient).all()):
         raise InputError("the judge's logit or gradient is not finite: check its weights")
-    return [
-        point._replace(logit=float(value), by_logit=pulled(point.samples, by_q))
-        for point, value, by_q in zip(points, logit, gradient, strict=True)
-    ]
+    made = []
+    for point, rows, value, slope in zip(points, shown, logit, gradient, strict=True):
+        by_q = np.zeros_like(point.samples.q)
+        np.add.at(by_q, rows, slope)
+        made.append(point._replace(logit=float(value), by_logit=pulled(point.samples, by_q)))
+    return made
 
 
 def pulled(samples: Samples, by_q: Array) -> Array:
     """(X,) gradient by the variables from partial derivatives (N, 30) by the samples' q."""
+    if samples.jacobian.shape[1] == 0:
+        return np.full(samples.jacobian.shape[2], np.nan)
     by_v = quaternion_gradient(samples.q, np.asarray(by_q, dtype=np.float64))
     return np.asarray(by_v.ravel() @ samples.jacobian.reshape(by_v.size, -1))

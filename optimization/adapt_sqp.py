@@ -10,14 +10,13 @@ Source: J. Nocedal, S. Wright, "Numerical Optimization", 2006, algorithm 18.4 an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.adapt_options import AdaptOptions
 from robomirror_drake.optimization.adapt_problem import (
-    History,
     Judge,
     Point,
     Problem,
@@ -36,7 +35,8 @@ FEASIBLE = 1e-3
 """Violation up to which constraints count as met, in their units."""
 
 _ACCEPT, _GOOD = 0.05, 0.7  # share of the promised saving
-_SMALLEST, _WIDEST, _DEAREST = 1e-4, 4.0, 1e4
+_SMALLEST, _WIDEST = 1e-4, 4.0  # radius
+_CHEAPEST, _DEAREST = 1.0, 1e4  # penalty
 
 
 class Start(NamedTuple):
@@ -84,7 +84,7 @@ class _State(NamedTuple):
 
 
 def solve(
-    starts: Sequence[Start], judge: Judge, options: AdaptOptions, history: History | None = None
+    starts: Sequence[Start], judge: Judge, options: AdaptOptions, history: Any = None
 ) -> list[Solution]:
     """Adapts candidates, each from its start.
 
@@ -99,12 +99,11 @@ def solve(
     Returns:
         A solution for each start, in order.
     """
-    commands = _judge_all(
-        judge, [(s.problem, np.zeros(s.problem.layout.size)) for s in starts], history
-    )
-    points = commands
-    if any(start.z.any() for start in starts):
-        points = _judge_all(judge, [(s.problem, _reachable(s)) for s in starts], history)
+    first = [(start.problem, np.zeros(start.problem.layout.size)) for start in starts]
+    begun = [(start.problem, _reachable(start)) for start in starts]
+    points = _judge_all(judge, begun, history)
+    away = any(z.any() for _, z in begun)
+    commands = _judge_all(judge, first, history, derivatives=False) if away else points
     states = [
         _State(s.problem, point, s.problem.layout.hessian, options.radius, options.penalty)
         for s, point in zip(starts, points, strict=True)
@@ -136,18 +135,18 @@ def _of(step: Step | None) -> Step:
 
 
 def _judge_all(
-    judge: Judge, wanted: Sequence[tuple[Problem, Array]], history: History | None
+    judge: Judge, wanted: Sequence[tuple[Problem, Array]], history: Any, derivatives: bool = True
 ) -> list[Point]:
-    """Points of problems, all of as many samples as the longest needs."""
-    count = max(problem.count(z) for problem, z in wanted)
-    return judged(judge, [evaluate(problem, z, count) for problem, z in wanted], history)
+    """Judged points of problems."""
+    points = [evaluate(problem, z, derivatives=derivatives) for problem, z in wanted]
+    return judged(judge, [problem for problem, _ in wanted], points, history)
 
 
 def _reachable(start: Start) -> Array:
     layout = start.problem.layout
     z = np.clip(start.z, layout.lower, layout.upper)
-    for _ in range(6):
-        if evaluate(start.problem, z).reached:
+    for _ in range(6 if z.any() else 0):
+        if evaluate(start.problem, z, derivatives=False).reached:
             return z
         z = 0.5 * z
     return np.zeros_like(z)
@@ -165,7 +164,10 @@ def _settled(state: _State, step: Step | None, options: AdaptOptions) -> _State:
         return state
     if step is None:
         return state._replace(done=True)
-    feasible = state.point.violations(state.problem.ceiling).max() <= FEASIBLE
+    over = state.point.violations(state.problem.ceiling)
+    feasible = over.max() <= FEASIBLE
+    if options.hurry and over[0] < 0.5 * options.margin and over[1:].max() <= FEASIBLE:
+        return state._replace(multipliers=step.multipliers, done=True, converged=False)
     small = step.promised <= options.tolerance * max(state.point.cost, FEASIBLE)
     state = state._replace(multipliers=step.multipliers)
     if small and (feasible or state.penalty >= _DEAREST):
@@ -189,11 +191,18 @@ def _advanced(state: _State, step: Step, trial: Point) -> _State:
     # Out of reach the motion is not that of the variables, and says nothing of curvature.
     B = _curvature(state, step, trial) if trial.reached else state.B
     stuck = step.slack > FEASIBLE and np.abs(d).max() < 0.9 * state.radius
+    dear = 2.0 * step.multipliers.largest
+    if stuck:
+        penalty = min(4.0 * state.penalty, _DEAREST)
+    elif step.slack > FEASIBLE:
+        penalty = state.penalty
+    else:  # no more than the constraints are worth, or their curvature forbids long steps
+        penalty = max(dear, 0.5 * (state.penalty + dear), _CHEAPEST)
     return state._replace(
         point=trial if taken else state.point,
         B=B,
         radius=radius,
-        penalty=min(4.0 * state.penalty, _DEAREST) if stuck else state.penalty,
+        penalty=penalty,
         iterations=state.iterations + 1,
     )
 

@@ -39,6 +39,12 @@ class Multipliers(NamedTuple):
     rows: list[Array]
     box: Array
 
+    @property
+    def largest(self) -> float:
+        """The least penalty that is exact, as rows of a family share their slack."""
+        shared = [float(np.abs(prices).sum()) for prices in self.rows]
+        return max([self.fall, *map(float, self.goals), *shared])
+
 
 class Step(NamedTuple):
     """A solved step.
@@ -84,10 +90,11 @@ def solve_step(
     picked: list[tuple[int, float, npt.NDArray[np.intp]]] = []
     for number, family in enumerate(point.rows):
         # The farthest that each row can go, exactly, as the step is in a box.
-        reach = np.maximum(family.jacobian, 0.0) @ high + np.minimum(family.jacobian, 0.0) @ low
-        fall = np.maximum(family.jacobian, 0.0) @ low + np.minimum(family.jacobian, 0.0) @ high
-        for sign, far, bound in ((1.0, reach, family.upper), (-1.0, -fall, -family.lower)):
-            rows = np.flatnonzero(sign * family.value + far > bound)
+        middle = family.value + family.jacobian @ (0.5 * (high + low))
+        half = np.abs(family.jacobian) @ (0.5 * (high - low))
+        sides = ((1.0, middle + half, family.upper), (-1.0, half - middle, -family.lower))
+        for sign, farthest, bound in sides:
+            rows = np.flatnonzero(farthest > bound)
             picked.append((number, sign, rows))
             G.append(sign * family.jacobian[rows])
             h.append(bound[rows] - sign * family.value[rows])

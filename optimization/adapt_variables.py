@@ -164,23 +164,24 @@ def _hessian(
     unit = np.full(width, scales.upper)
     unit[:3], unit[3:6], unit[6:TWISTS] = scales.lean, scales.base, scales.feet
     unit[[6, 7, 8, 12, 13, 14]] /= _ARM
-    deviation = np.zeros((len(tau), width, layout.size))
-    curvature = np.zeros((len(tau), width, layout.size))
-    for name, block in layout.blocks.items():
-        if name in directions:
-            deviation[:, :, block] = directions[name][:, :, None]
-        elif name in layout.columns:
-            columns = layout.columns[name]
-            own = np.einsum("pf,ij->pifj", weights, np.eye(len(columns)))
-            bend = np.einsum("pf,ij->pifj", bends, np.eye(len(columns)))
-            if name == "feet":
-                own = own * swing.repeat(3, axis=1)[:, :, None, None]
-            deviation[:, columns, block] = own.reshape(len(tau), len(columns), -1)
-            curvature[:, columns, block] = bend.reshape(len(tau), len(columns), -1)
     H = np.zeros((layout.size, layout.size))
-    for rows, gain in ((deviation, 1.0), (curvature, scales.smooth**2)):
-        scaled = gain * (rows * layout.scale / unit[:, None]).reshape(-1, layout.size)
-        H += scaled.T @ scaled / len(tau)
+    shared = [name for name in layout.blocks if name in directions]
+    for name in shared:
+        for other in shared:
+            product = directions[name] * directions[other] / unit**2
+            H[layout.blocks[name], layout.blocks[other]] = np.sum(product) / len(tau)
+    for name, columns in layout.columns.items():
+        # The coordinates of a block are independent of each other, and alike but for the swing.
+        block, count = layout.blocks[name], len(columns)
+        for i, y in enumerate(columns):
+            own = slice(block.start + i, block.stop, count)
+            shown = weights * swing[:, i // 3, None] if name == "feet" else weights
+            bent = scales.smooth**2 * bends
+            H[own, own] = (shown.T @ shown + bent.T @ bent) / unit[y] ** 2 / len(tau)
+            for other in shared:
+                cross = shown.T @ directions[other][:, y] / unit[y] ** 2 / len(tau)
+                H[own, layout.blocks[other].start] = H[layout.blocks[other].start, own] = cross
+    H *= layout.scale[:, None] * layout.scale
     for name, cost in (
         ("tempo", scales.tempo),
         ("amplitude", scales.amplitude),

@@ -50,6 +50,7 @@ RESIDUAL_UNITS: Mapping[str, str] = MappingProxyType(
         "jerk_rms": "rad/s³",
         "dynamic_violation": "body weights",
         "distance_to_raw": "m",
+        "distance_to_command": "m",
     }
 )
 """Units of :attr:`RobotReference.residuals`; what is not listed has none."""
@@ -355,3 +356,37 @@ class Ranking(_Message):
     def best(self) -> int:
         """Index of the candidate to take."""
         return int(self.order[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Handover(_Message):
+    """What was decided about a motion that ran and was not safe enough.
+
+    Attributes:
+        time: When it was looked at [s].
+        start: From when on the robot was to follow something else [s].
+        done: Whether it was given something else; False where nothing better was found.
+        stopped: Whether that is to come to a halt and stand.
+        tempo, amplitude, stride: Shares of those of the motion, from ``start`` on.
+        risk_before: P(fall) foreseen at ``time`` for the motion as it was.
+        risk_after: P(fall) foreseen for what is followed from ``start`` on.
+        names: What was compared, the motion as it was first.
+        risks: (n,) P(fall) foreseen for each of them from ``start`` on.
+        reason: A sentence.
+    """
+
+    time: float
+    start: float
+    done: bool
+    stopped: bool
+    tempo: float
+    amplitude: float
+    stride: float
+    risk_before: float
+    risk_after: float
+    names: tuple[str, ...]
+    risks: Array
+    reason: str
+
+    def __post_init__(self) -> None:
+        self._freeze("risks", (len(self.names),))

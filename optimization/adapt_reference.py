@@ -1,0 +1,92 @@
+"""From variables back to the reference that the robot is to follow."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from robomirror_drake.messages import Array, BoolArray, RobotReference
+from robomirror_drake.optimization.adapt_motion import sample
+from robomirror_drake.optimization.adapt_problem import Problem
+from robomirror_drake.optimization.centroidal import drake_velocities
+from robomirror_drake.optimization.contact_schedule import runs
+from robomirror_drake.optimization.floating_base import continuous
+from robomirror_drake.optimization.kinematics import body_poses, distances, positions
+from robomirror_drake.optimization.retarget_metrics import RobotTables
+from robomirror_drake.robot import rotation_matrix
+
+
+def adapted_reference(tables: RobotTables, problem: Problem, z: Array) -> RobotReference:
+    """The motion of variables z (X,) at the command's rate, with its residuals anew.
+
+    Its duration is a whole number of samples, for which the tempo gives way a little. Beside the
+    residuals of retargeting it has ``distance_to_command``: the mean distance of the keypoints
+    from the command's at the same point of the motion [m]. ``keypoint_error`` stays the command's.
+
+    Args:
+        tables: The robot.
+        problem: Whose variables.
+        z: Their values.
+    """
+    command, path, layout = problem.reference, problem.path, problem.layout
+    dt = path.duration / (len(path.time) - 1)
+    sigma = layout.changes(z)[0]
+    most = float(path.stretched(path.duration))
+    count = round((path.duration + sigma * most) / dt)
+    if "tempo" in layout.blocks and most > 0.0:
+        column = layout.blocks["tempo"].start
+        z = z.copy()
+        sigma = (count * dt - path.duration) / most
+        z[column] = sigma / layout.scale[column]
+    time = np.arange(count + 1, dtype=np.float64) * dt
+    made = sample(problem.legs, path, layout, z, time, derivatives=False)
+    spline = CubicSpline(time, continuous(made.q))
+    v, a = drake_velocities(spline(time), spline(time, 1), spline(time, 2))
+    tau, _, _ = path.tau(time, sigma)
+    led = sample(problem.legs, path, layout, 0.0 * z, tau, derivatives=False)
+    apart = _keypoints(tables, made.q) - _keypoints(tables, led.q)
+    return RobotReference(
+        time=time,
+        q=made.q,
+        v=v,
+        a=a,
+        contact=made.contact,
+        text=command.text,
+        source=command.source,
+        residuals={
+            **command.residuals,
+            **_residuals(tables, made.q, v, made.contact, spline(time, 3)[:, 7:]),
+            "distance_to_command": float(np.linalg.norm(apart, axis=2).mean()),
+        },
+    )
+
+
+def _poses(tables: RobotTables, q: Array) -> tuple[Array, Array]:
+    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
+    return body_poses(tables.tree, rotation_matrix(q[:, :4]), x)
+
+
+def _keypoints(tables: RobotTables, q: Array) -> Array:
+    return positions(tables.keypoints, *_poses(tables, q))
+
+
+def _residuals(
+    tables: RobotTables, q: Array, v: Array, contact: BoolArray, jerk: Array
+) -> dict[str, float]:
+    R, p = _poses(tables, q)
+    corners = positions(tables.corners, R, p)
+    standing = contact.reshape(-1, 8)
+    drift = [
+        float(np.linalg.norm(corners[a:b, k, :2] - corners[a, k, :2], axis=1).max())
+        for k in range(8)
+        for a, b in runs(standing[:, k])
+    ]
+    joints, speed = q[:, 7:], np.abs(v[:, 6:])
+    over = (tables.lower - joints, joints - tables.upper, speed - tables.speed)
+    return {
+        "stance_drift": max(drift, default=0.0),
+        "penetration": max(0.0, -float(corners[..., 2].min())),
+        "self_penetration": max(0.0, -float(distances(tables.capsules, R, p).min())),
+        "limit_violation": max(0.0, *(float(part.max()) for part in over)),
+        "jerk_rms": float(np.sqrt(np.mean(jerk**2))),
+    }
