@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import time
@@ -13,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from robomirror_drake.config import Scenario
+from robomirror_drake.dataset.folder import describe, locked
 from robomirror_drake.dataset.options import DatasetOptions
-from robomirror_drake.dataset.pool import Pool, Work, here
+from robomirror_drake.dataset.pool import Pool, here
 from robomirror_drake.dataset.prompts import Prompt
 from robomirror_drake.dataset.records import Job
 from robomirror_drake.dataset.shards import (
@@ -26,9 +26,11 @@ from robomirror_drake.dataset.shards import (
     remove,
     write_shard,
 )
-from robomirror_drake.dataset.unit import Made, make
-from robomirror_drake.exceptions import InputError, ResultError
-from robomirror_drake.results import check_place, installed_versions
+from robomirror_drake.dataset.unit import Made, failed, make
+from robomirror_drake.results import installed_versions
+
+Work = Callable[[Job], Made]
+"""What is done for a command; :func:`make`, but for tests of what is around it."""
 
 
 @dataclass
@@ -90,7 +92,7 @@ def generate_dataset(
     """
     wanted = len(prompts) if limit is None else min(limit, len(prompts))
     store, began = Store(folder), time.monotonic()
-    with _locked(folder):
+    with locked(folder):
         _describe(folder, prompts, options, scenario)
         progress = Progress(total=wanted)
         done = _recover(store, progress)
@@ -122,23 +124,7 @@ def _results(
         return
     with Pool(workers, address) as pool:
         progress.workers = pool.workers
-        yield pool.map(jobs, work)
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Holds the folder for one run; the system lets go of it however the run ends."""
-    check_place(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / ".lock").open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise InputError(f"another run is writing to {folder}") from None
-            yield
-    except (FileExistsError, NotADirectoryError, PermissionError) as error:
-        raise ResultError(f"cannot write to {folder}: {error}") from error
+        yield pool.map(jobs, work, failed)
 
 
 def _describe(
@@ -158,29 +144,7 @@ def _describe(
         "prompts": {"count": len(prompts), "sha256": hashlib.sha256(texts.encode()).hexdigest()},
         "versions": installed_versions(),
     }
-    path = folder / "dataset.json"
-    if path.exists():
-        try:
-            there = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ResultError(f"{path}: {error}") from error
-        if difference := _difference(there, json.loads(json.dumps(told))):
-            raise InputError(f"{folder} holds another data set: {difference}; name a new folder")
-        return
-    if any(folder.glob("*/*.parquet")):
-        raise InputError(f"{folder} has files of a data set but no dataset.json")
-    work = path.with_suffix(".partial")
-    work.write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    work.rename(path)
-
-
-def _difference(there: Any, here: Any, name: str = "") -> str | None:
-    """The first value in which two descriptions differ, in words."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        pairs = ((key, there.get(key), here.get(key)) for key in [*there, *here])
-        found = (_difference(a, b, f"{name}.{key}".strip(".")) for key, a, b in pairs)
-        return next((words for words in found if words), None)
-    return None if there == here else f"{name} is {there!r} there and {here!r} here"
+    describe(folder, "dataset.json", told, "data set")
 
 
 def _recover(store: Store, progress: Progress) -> set[int]:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from robomirror_drake.dataset.records import Job
-from robomirror_drake.dataset.unit import Made, failed, make
 from robomirror_drake.exceptions import InputError
 
 RENEWAL: Final = 8
@@ -19,12 +17,11 @@ RENEWAL: Final = 8
 RETRIES: Final = 3
 """How often a unit is tried again whose worker died."""
 
+J = TypeVar("J")
+M = TypeVar("M")
 
-Work = Callable[[Job], Made]
-"""What is done for a command; :func:`make`, but for tests of what is around it."""
 
-
-def here(jobs: Iterable[Job], work: Work = make) -> Iterator[tuple[Job, Made]]:
+def here(jobs: Iterable[J], work: Callable[[J], M]) -> Iterator[tuple[J, M]]:
     """Does the work in this process, one unit after the other."""
     with threadpool_limits(1):
         for job in jobs:
@@ -74,13 +71,18 @@ class Pool:
         self._ray.shutdown()
 
     def map(
-        self, jobs: Iterable[Job], work: Work = make, at_once: int | None = None
-    ) -> Iterator[tuple[Job, Made]]:
+        self,
+        jobs: Iterable[J],
+        work: Callable[[J], M],
+        failed: Callable[[J, BaseException], M],
+        at_once: int | None = None,
+    ) -> Iterator[tuple[J, M]]:
         """Does the work, and yields what is ready first.
 
         Args:
             jobs: The units.
             work: What to do with each.
+            failed: What is said of one whose workers died of it.
             at_once: How many are under way at most; a worker each, and one waiting for
                 each of them, where None.
         """

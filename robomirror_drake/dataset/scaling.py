@@ -6,9 +6,10 @@ import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from robomirror_drake.dataset.pool import Pool, Work
+from robomirror_drake.dataset.generate import Work
+from robomirror_drake.dataset.pool import Pool
 from robomirror_drake.dataset.records import Job
-from robomirror_drake.dataset.unit import make
+from robomirror_drake.dataset.unit import failed, make
 
 
 class Scaling(NamedTuple):
@@ -33,11 +34,13 @@ def measure_scaling(
     """Does the same work with each number of workers, after each worker has warmed up."""
     most, measured = max(counts), []
     with Pool(most) as pool:
-        for _ in pool.map([jobs[0]] * most, work):
+        for _ in pool.map([jobs[0]] * most, work, failed=failed):
             pass
         for workers in counts:
             began = time.perf_counter()
-            timings = [made.timing for _, made in pool.map(jobs, work, at_once=workers)]
+            timings = [
+                made.timing for _, made in pool.map(jobs, work, failed=failed, at_once=workers)
+            ]
             wall = time.perf_counter() - began
             simulated = sum(timing["simulated_s"] for timing in timings)
             spent = sum(sum(timing["cpu_s"].values()) for timing in timings)

@@ -87,8 +87,8 @@ def write_shard(shard: Shard, episodes: bytes, frames: bytes) -> None:
     Raises:
         ResultError: They cannot be written.
     """
-    _write_whole(shard.frames, lambda path: path.write_bytes(frames))
-    _write_whole(shard.episodes, lambda path: path.write_bytes(episodes))
+    write_whole(shard.frames, lambda path: path.write_bytes(frames))
+    write_whole(shard.episodes, lambda path: path.write_bytes(episodes))
 
 
 def merge(parts: Iterable[Shard], group: Shard) -> None:
@@ -106,9 +106,9 @@ def merge(parts: Iterable[Shard], group: Shard) -> None:
                 table = read_frames(part)
                 writer.write_table(table, row_group_size=max(len(table), 1))
 
-    digest = _write_whole(group.frames, frames)
+    digest = write_whole(group.frames, frames)
     together = _encode_episodes(pa.concat_tables(tables), digest)
-    _write_whole(group.episodes, lambda path: path.write_bytes(together))
+    write_whole(group.episodes, lambda path: path.write_bytes(together))
     remove(parts)
 
 
@@ -208,7 +208,7 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _write_whole(path: Path, write: Callable[[Path], object]) -> str:
+def write_whole(path: Path, write: Callable[[Path], object]) -> str:
     """Lets ``write`` fill a file beside, then gives it its name; returns its SHA-256."""
     work = path.with_name(f".{path.name}.{uuid.uuid4().hex}.partial")
     try:
