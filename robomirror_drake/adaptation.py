@@ -13,37 +13,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 from scipy.special import expit
 
+from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.exceptions import InputError, UnknownCommandError
 from robomirror_drake.goals import Goals, Satisfaction, make_goals, measure
 from robomirror_drake.goals.margins import margins
 from robomirror_drake.messages import Array, QualityPrediction, Ranking, RobotReference
 from robomirror_drake.motion.text import parse
-from robomirror_drake.optimization.adapt import Adapted, AdaptOptions, Goal, adapt
+from robomirror_drake.optimization.adapt import Adapted, Goal, adapt
 from robomirror_drake.ppn.features import RECORDED
 from robomirror_drake.ppn.predictor import Judged, Predictor
-from robomirror_drake.ranking import RankingOptions, rank
+from robomirror_drake.ranking import rank
 from robomirror_drake.robot import Robot
-
-Method = Literal["none", "selection", "optimisation", "selection_optimisation"]
-"""``none`` takes the command's own motion; ``optimisation`` changes that one, if it has to;
-``selection`` takes one of the pool; ``selection_optimisation`` changes the likeliest ones of
-the pool where none is safe."""
-
-
-class AdaptationOptions(BaseModel):
-    """How the robot adapts what it was told to what it can do."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    method: Method = Field("selection_optimisation", description="what may be done")
-    predictor: str = Field("ppn_1s", description="weights in assets/ppn, or a path")
-    every: float = Field(0.5, gt=0.0, le=10.0, description="between windows that are judged [s]")
-    optimised: int = Field(2, ge=1, le=64, description="candidates that are changed, at most")
-    ranking: RankingOptions = RankingOptions()
-    optimiser: AdaptOptions = Field(AdaptOptions(), description="its T_safe is that of the ranking")
 
 
 @dataclass(frozen=True, eq=False)

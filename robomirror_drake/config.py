@@ -11,10 +11,10 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.motion.generate import GeneratorOptions
 from robomirror_drake.optimization.plan import PlanOptions
 from robomirror_drake.optimization.retarget import RetargetOptions
-from robomirror_drake.ranking import RankingOptions
 from robomirror_drake.simulation import SimulationOptions
 from robomirror_drake.yaml_file import load_yaml
 
@@ -30,7 +30,7 @@ class Scenario(BaseModel):
     candidates: int = Field(4, ge=1, le=256, description="human motions to generate")
     generator: GeneratorOptions = GeneratorOptions()
     retargeter: RetargetOptions = RetargetOptions()
-    ranking: RankingOptions = RankingOptions()
+    adaptation: AdaptationOptions = AdaptationOptions()
     planner: PlanOptions = PlanOptions()
     simulation: SimulationOptions = SimulationOptions()
 

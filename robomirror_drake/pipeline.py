@@ -14,8 +14,9 @@ from typing import Literal, NamedTuple
 
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 
+from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.config import Scenario
 from robomirror_drake.messages import HumanMotion, RobotReference
 from robomirror_drake.robot import Robot
@@ -40,7 +41,8 @@ def build_plan_diagram(robot: Robot, scenario: Scenario, source: Source = "comma
     """Words or motions in, one dynamically consistent reference out; no physics.
 
     Exports the input port ``command`` or ``candidates``, and the output ports
-    ``candidates``, ``references``, ``failures``, ``reference`` and ``plan``.
+    ``candidates``, ``references``, ``failures``, ``reference`` and ``plan``; where the scenario
+    adapts, ``adaptation`` as well.
     """
     builder = DiagramBuilder()
     _add_planning(builder, robot, scenario, source)
@@ -98,9 +100,7 @@ def _add_planning(
 ) -> OutputPort:
     """Adds generator, retargeter, selector and planner; returns the plan's port."""
     retargeter = builder.AddNamedSystem("retargeter", Retargeter(robot, scenario.retargeter))
-    selector = builder.AddNamedSystem(
-        "reference_selector", ReferenceSelector(robot, scenario.ranking)
-    )
+    chooser = _add_chooser(builder, robot, scenario.adaptation)
     planner = builder.AddNamedSystem("dynamic_planner", DynamicPlanner(robot, scenario.planner))
 
     if source == "command":
@@ -109,7 +109,7 @@ def _add_planning(
             MotionGenerator(scenario.candidates, scenario.seed, scenario.generator),
         )
         builder.ExportInput(generator.GetInputPort("command"), "command")
-        builder.ConnectInput("command", selector.GetInputPort("command"))
+        builder.ConnectInput("command", chooser.GetInputPort("command"))
         builder.Connect(
             generator.GetOutputPort("candidates"), retargeter.GetInputPort("candidates")
         )
@@ -119,13 +119,29 @@ def _add_planning(
     else:
         raise ValueError(f"source is {source!r}; give 'command' or 'candidates'")
 
-    builder.Connect(retargeter.GetOutputPort("references"), selector.GetInputPort("references"))
-    builder.Connect(selector.GetOutputPort("reference"), planner.GetInputPort("reference"))
+    builder.Connect(retargeter.GetOutputPort("references"), chooser.GetInputPort("references"))
+    builder.Connect(chooser.GetOutputPort("reference"), planner.GetInputPort("reference"))
     for port in ("references", "failures"):
         builder.ExportOutput(retargeter.GetOutputPort(port), port)
-    builder.ExportOutput(selector.GetOutputPort("reference"), "reference")
+    builder.ExportOutput(chooser.GetOutputPort("reference"), "reference")
+    if scenario.adaptation.method != "none":
+        builder.ExportOutput(chooser.GetOutputPort("adaptation"), "adaptation")
     builder.ExportOutput(planner.GetOutputPort("plan"), "plan")
     return planner.GetOutputPort("plan")
+
+
+def _add_chooser(builder: DiagramBuilder, robot: Robot, options: AdaptationOptions) -> LeafSystem:
+    """Adds what takes one of the references: the first one, or what the robot can do."""
+    if options.method == "none":
+        return builder.AddNamedSystem(
+            "reference_selector", ReferenceSelector(robot, options.ranking)
+        )
+    # Here, since it is for the network alone that torch has to be there: seconds, else saved.
+    from robomirror_drake.ppn.predictor import load_predictor
+    from robomirror_drake.systems.reference_adapter import ReferenceAdapter
+
+    predictor = load_predictor(options.predictor, robot)
+    return builder.AddNamedSystem("reference_adapter", ReferenceAdapter(robot, predictor, options))
 
 
 def _add_execution(builder: DiagramBuilder, robot: Robot, scenario: Scenario) -> ExecutionSystems:

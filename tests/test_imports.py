@@ -26,6 +26,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("disturbance_draw",),
     ("goals",),
     ("ranking",),
+    ("adaptation", "adaptation_options"),
+    ("handover",),
     ("systems", "plant"),
     ("simulation", "fall_signs"),
     ("config", "fall_cause"),
@@ -34,7 +36,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("rollout", "results"),
     ("run", "figures", "scene"),
     ("dataset",),
-    ("learning", "adaptation"),
+    ("learning",),
     ("bench_peer", "bench_tsid"),
     (
         "commands",
