@@ -50,7 +50,7 @@ class Functions:
         """The judged point at variables (X,)."""
         key = z.tobytes()
         if key not in self._points:
-            made = evaluate(self.problem, z.copy(), self._count)
+            made = evaluate(self.problem, z.copy(), self._count, near=np.inf)
             self._points[key] = judged(self._judge, [self.problem], [made], self._history)[0]
             while len(self._points) > _KEPT:
                 self._points.popitem(last=False)

@@ -188,7 +188,11 @@ def _seen(path: MotionPath, options: AdaptOptions) -> int | None:
 
 
 def evaluate(
-    problem: Problem, z: Array, count: int | None = None, derivatives: bool = True
+    problem: Problem,
+    z: Array,
+    count: int | None = None,
+    derivatives: bool = True,
+    near: float = 1.0,
 ) -> Point:
     """A problem at variables z (X,), not yet judged.
 
@@ -197,6 +201,7 @@ def evaluate(
         z: Its variables.
         count: Number of samples; by default those that show it to its end.
         derivatives: Whether to work out any; without, they are NaN or empty.
+        near: Of which rows, see :func:`families`.
     """
     time = np.arange(count or problem.count(z), dtype=np.float64) * STEP
     samples = sample(problem.legs, problem.path, problem.layout, z, time, derivatives)
@@ -212,7 +217,7 @@ def evaluate(
         np.full_like(z, np.nan),
         np.array([value for value, _ in values]),
         np.array(by_goals).reshape(-1, len(z)),
-        families(problem.limits, samples),
+        families(problem.limits, samples, near),
     )
 
 
@@ -251,4 +256,7 @@ def pulled(samples: Samples, by_q: Array) -> Array:
     if samples.jacobian.shape[1] == 0:
         return np.full(samples.jacobian.shape[2], np.nan)
     by_v = quaternion_gradient(samples.q, np.asarray(by_q, dtype=np.float64))
-    return np.asarray(by_v.ravel() @ samples.jacobian.reshape(by_v.size, -1))
+    seen = np.flatnonzero(by_v.any(axis=1))
+    stop = int(seen[-1]) + 1 if len(seen) else 0  # mostly far from all of a long motion
+    part = samples.jacobian[:stop].reshape(-1, samples.jacobian.shape[2])
+    return np.asarray(by_v[:stop].ravel() @ part)

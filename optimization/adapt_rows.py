@@ -20,6 +20,7 @@ Source: R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 2 and 6.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +31,11 @@ from robomirror_drake.optimization.adapt_legs import KNEE, Legs
 from robomirror_drake.optimization.adapt_motion import Samples
 from robomirror_drake.optimization.adapt_options import AdaptOptions
 from robomirror_drake.optimization.centroidal import GRAVITY
-from robomirror_drake.optimization.kinematics import body_poses
+from robomirror_drake.optimization.kinematics import Indices, body_poses
 from robomirror_drake.robot import Robot
+
+Slope = Callable[[Indices, Indices], Array]
+"""From M samples and as many joints or corners to (M, X) derivatives by the variables."""
 
 
 class Family(NamedTuple):
@@ -41,7 +45,8 @@ class Family(NamedTuple):
         name: ``position``, ``stretch``, ``speed``, ``torque`` or ``ground``.
         value: (R,) in shares of the unit.
         lower, upper: (R,) bounds.
-        jacobian: (R, X) by the variables; empty where it was not asked for.
+        near: (M,) rows that are near a bound, and
+        jacobian: (M, X) their derivatives by the variables; empty where none were asked for.
         columns: Rows of one sample: row r is of joint or corner r % columns.
     """
 
@@ -49,6 +54,7 @@ class Family(NamedTuple):
     value: Array
     lower: Array
     upper: Array
+    near: Indices
     jacobian: Array
     columns: int
 
@@ -86,6 +92,10 @@ _PRESSED = 5e-4  # a sole deeper in the floor than the command is not worth a ch
 UNITS = {"position": 0.1, "stretch": 0.02, "ground": 0.02}
 """Of the rows [rad], [m]; speed and torque count by their limits."""
 
+NEAR = {"position": 4.0, "stretch": 3.0, "speed": 0.5, "torque": 0.4, "ground": 2.0}
+"""Distance from a bound, in units, from which on a row is not linearised: its value is still
+looked at, so that a step that goes too far is not taken."""
+
 
 def make_limits(robot: Robot, legs: Legs, command: Samples, options: AdaptOptions) -> Limits:
     """The limits of a robot, which a command may exceed already: then it may as far.
@@ -121,57 +131,75 @@ def make_limits(robot: Robot, legs: Legs, command: Samples, options: AdaptOption
     )
 
 
-def families(limits: Limits, samples: Samples) -> list[Family]:
-    """All rows of a motion; with Jacobians where its samples have them."""
-    wide = samples.jacobian.shape[1] > 0
+def families(limits: Limits, samples: Samples, near: float = 1.0) -> list[Family]:
+    """All rows of a motion; with Jacobians where its samples have them.
+
+    Args:
+        limits: What to keep.
+        samples: The motion.
+        near: Share of :data:`NEAR` within which rows have derivatives; infinite for all.
+    """
     joints, by_z = samples.q[:, 7:], samples.jacobian[:, 6:]
     dt = float(samples.time[1] - samples.time[0])
-    torque, by_torque = proxy(limits, samples)
     corners = _corners(limits.legs, samples)
     length, by_knee = _stretch(limits.legs, samples)
     knees = limits.legs.chain[:, KNEE] - 1
-    by_length = by_knee[..., None] * by_z[:, knees] if wide else by_z
-    position, stretch = UNITS["position"], UNITS["stretch"]
-    return [
-        _family("position", joints, limits.lower, limits.upper, by_z, position),
-        _family("stretch", length, np.full(2, -np.inf), limits.length, by_length, stretch),
-        _family(
+    position, stretch, ground = (UNITS[name] for name in ("position", "stretch", "ground"))
+    torque, slope = proxy(limits, samples)
+    parts: list[tuple[str, Array, Array, Array, Array | float, Slope]] = [
+        ("position", joints, limits.lower, limits.upper, position, lambda n, j: by_z[n, j]),
+        (
+            "stretch",
+            length,
+            np.full(2, -np.inf),
+            limits.length,
+            stretch,
+            lambda n, leg: by_knee[n, leg, None] * by_z[n, knees[leg]],
+        ),
+        (
             "speed",
             np.diff(joints, axis=0) / dt,
             -limits.speed,
             limits.speed,
-            np.diff(by_z, axis=0) / dt if wide else by_z[1:],
             limits.speed,
+            lambda n, j: (by_z[n + 1, j] - by_z[n, j]) / dt,
         ),
-        _family("torque", torque, -limits.torque, limits.torque, by_torque, limits.torque),
-        _family(
+        ("torque", torque, -limits.torque, limits.torque, limits.torque, slope),
+        (
             "ground",
             corners[..., 2].reshape(-1, 8),
             limits.floor.ravel(),
             np.full(8, np.inf),
-            _by_height(limits.legs, samples, corners) if wide else by_z,
-            UNITS["ground"],
+            ground,
+            lambda n, k: _by_height(limits.legs, samples, corners, n, k),
         ),
     ]
+    wide = samples.jacobian.shape[1] > 0
+    return [_family(*part, near if wide else None, samples.jacobian.shape[2]) for part in parts]
 
 
 def _family(
-    name: str, value: Array, lower: Array, upper: Array, jacobian: Array, unit: Array | float
+    name: str,
+    value: Array,
+    lower: Array,
+    upper: Array,
+    unit: Array | float,
+    slope: Slope,
+    near: float | None,
+    variables: int,
 ) -> Family:
-    """A family of values (N, C) with bounds and units (C,)."""
-    shape, rows = value.shape, value.size
-    scale = np.broadcast_to(unit, shape[1:])
-    empty = jacobian.shape[1] == 0
-    return Family(
-        name,
-        (value / scale).ravel(),
-        np.broadcast_to(lower / scale, shape).ravel(),
-        np.broadcast_to(upper / scale, shape).ravel(),
-        np.empty((0, jacobian.shape[2]))
-        if empty
-        else (jacobian / scale[:, None]).reshape(rows, -1),
-        shape[1],
-    )
+    """A family of values (N, C) with bounds and units (C,), and derivatives where it is near."""
+    shape, scale = value.shape, np.broadcast_to(unit, value.shape[1:])
+    value = value / scale
+    low, high = (np.broadcast_to(bound / scale, shape) for bound in (lower, upper))
+    picked = np.zeros(0, dtype=np.int64)
+    jacobian = np.empty((0, variables))
+    if near is not None:
+        margin = near * NEAR[name]
+        picked = np.flatnonzero(np.maximum(value - high, low - value) >= -margin)
+        n, c = np.divmod(picked, shape[1])
+        jacobian = slope(n, c) / scale[c, None]
+    return Family(name, value.ravel(), low.ravel(), high.ravel(), picked, jacobian, shape[1])
 
 
 def _stretch(legs: Legs, samples: Samples) -> tuple[Array, Array]:
@@ -202,63 +230,71 @@ def _corners(legs: Legs, samples: Samples) -> Array:
     return np.asarray(turned + samples.origin[:, feet, None])
 
 
-def _by_height(legs: Legs, samples: Samples, corners: Array) -> Array:
-    """(N, 8, X) rates of the corners' heights, ż = ż_foot + [ω × r]_z."""
-    r = corners - samples.origin[:, legs.chain[:, -1], None]
-    w, rise = samples.twist[:, 1:, None, :2], samples.twist[:, 1:, None, 5]
-    made = w[..., 0, :] * r[..., 1, None] - w[..., 1, :] * r[..., 0, None] + rise
-    return made.reshape(len(r), 8, -1)
+def _by_height(legs: Legs, samples: Samples, corners: Array, n: Indices, k: Indices) -> Array:
+    """(M, X) rates of the heights of corners k (M,) at samples n, ż = ż_foot + [ω × r]_z."""
+    foot = k // 4
+    r = corners[n, foot, k % 4] - samples.origin[n, legs.chain[foot, -1]]
+    twist = samples.twist[n, 1 + foot]
+    return np.asarray(twist[:, 0] * r[:, 1, None] - twist[:, 1] * r[:, 0, None] + twist[:, 5])
 
 
-def proxy(limits: Limits, samples: Samples) -> tuple[Array, Array]:
-    """(N, J) torques [N·m], see the module, and (N, J, X) their derivatives."""
+def proxy(limits: Limits, samples: Samples) -> tuple[Array, Slope]:
+    """(N, J) torques [N·m], see the module, and their derivatives at samples n of joints j."""
     legs, tree = limits.legs, limits.legs.tree
     R, p = samples.rotation, samples.origin
     dt = float(samples.time[1] - samples.time[0])
     axes = np.einsum("nbij,bj->nbi", R, tree.axis)[:, 1:]
     at = p[:, 1:]
     mass = limits.below @ tree.mass
-    moment = np.einsum(
-        "cb,nbi->nci", limits.below * tree.mass, p + np.einsum("nbij,bj->nbi", R, tree.center)
-    )
+    centers = p + np.einsum("nbij,bj->nbi", R, tree.center)
+    moment = (limits.below * tree.mass) @ centers
     arm = moment - mass[:, None] * p  # m_j (c_j − p_j)
-    height = moment[:, 0, 2] / mass[0]
-    weight = mass[0] * (GRAVITY + _second(height, dt))
-    push = GRAVITY * arm[:, 1:]
+    weight = mass[0] * (GRAVITY + _second(moment[:, 0, 2] / mass[0], dt))
     middle = _corners(legs, samples).mean(axis=2)
     lever = np.zeros((2, *at.shape))  # of each foot's force, zero where no leg leads to it
     for foot, chain in enumerate(legs.chain):
         carries = limits.below[1:, chain[-1]]
         lever[foot][:, carries] = middle[:, foot, None] - at[:, carries]
     share = samples.load.T[..., None, None]
-    push = push - (share * lever).sum(axis=0) * weight[:, None, None]
+    push = GRAVITY * arm[:, 1:] - (share * lever).sum(axis=0) * weight[:, None, None]
     u = np.cross(axes, push)
-    bend = _second(samples.q[:, 7:], dt)
-    torque = u[..., 2] + limits.inertia * bend
+    torque = u[..., 2] + limits.inertia * _second(samples.q[:, 7:], dt)
     J = samples.jacobian
-    if J.shape[1] == 0:
-        return torque, J
-    # By the velocities: K[j, i] = [a_i × u_j]_z where i carries j, and the same with i, j changed.
-    K = axes[:, None, :, 0] * u[:, :, None, 1] - axes[:, None, :, 1] * u[:, :, None, 0]
-    carried = limits.below[1:, 1:].T  # [j, i]: i carries j
-    K = np.where(carried, K, np.where(carried.T, K.swapaxes(1, 2), 0.0))
-    spin = np.stack([u[..., 1], -u[..., 0]], axis=2)  # [e_x × u]_z, [e_y × u]_z
-    by_force = np.cross(axes, lever)[..., 2]  # (2, N, J)
-    rise = np.cross(axes, arm[:, 1:])[..., 2] / mass[0]
-    lean = arm[:, 0] / mass[0]
-    by_height = (
-        J[:, 5]
-        + lean[:, 1, None] * J[:, 0]
-        - lean[:, 0, None] * J[:, 1]
-        + (rise[:, None] @ J[:, 6:])[:, 0]
-    )
-    by_weight = mass[0] * _second(by_height, dt)
-    made = K @ J[:, 6:] + spin @ J[:, :2]
-    made -= (by_force * samples.load.T[..., None]).sum(axis=0)[..., None] * by_weight[:, None]
-    for foot in range(2):
-        made -= (by_force[foot] * weight[:, None])[..., None] * samples.loading[:, foot, None]
-    made += limits.inertia[:, None] * _second(J[:, 6:], dt)
-    return torque, made
+
+    def slope(n: Indices, j: Indices) -> Array:
+        own = u[n, j]
+        # By the velocities: [a_i × u_j]_z where i carries j, and the same with i, j changed.
+        above = axes[n, :, 0] * own[:, 1, None] - axes[n, :, 1] * own[:, 0, None]
+        under = axes[n, j, 0, None] * u[n, :, 1] - axes[n, j, 1, None] * u[n, :, 0]
+        carried = limits.below[1:, 1:]
+        K = np.where(carried[:, j].T, above, np.where(carried[j], under, 0.0))
+        spun = np.hstack([own[:, 1:2], -own[:, :1]])  # [e_x × u]_z, [e_y × u]_z
+        rows = np.zeros((len(n), J.shape[1]))
+        rows[:, :2], rows[:, 6:] = spun, K
+        by_force = np.cross(axes[n, j], lever[:, n, j])[..., 2]  # (2, M)
+        inner = np.clip(n, 1, max(len(J) - 2, 1))
+        # The sums over one sample's velocities, sample by sample.
+        made = np.empty((len(n), J.shape[2]))
+        for row in np.unique(n):
+            picked = n == row
+            made[picked] = rows[picked] @ J[row]
+        by_height = _by_height_of_center(samples, axes, arm, mass)
+        lifted = by_height[inner + 1] - 2.0 * by_height[inner] + by_height[inner - 1]
+        carried_share = np.sum(by_force * samples.load[n].T, axis=0)
+        made -= (carried_share * mass[0] / dt**2)[:, None] * lifted
+        made -= np.einsum("fm,mfx->mx", by_force * weight[n], samples.loading[n])
+        bend = J[inner + 1, 6 + j] - 2.0 * J[inner, 6 + j] + J[inner - 1, 6 + j]
+        return np.asarray(made + (limits.inertia[j] / dt**2)[:, None] * bend)
+
+    return torque, slope
+
+
+def _by_height_of_center(samples: Samples, axes: Array, arm: Array, mass: Array) -> Array:
+    """(N, X) rates of the height of the centre of mass."""
+    rows = np.zeros((len(axes), samples.jacobian.shape[1]))
+    rows[:, 0], rows[:, 1], rows[:, 5] = arm[:, 0, 1] / mass[0], -arm[:, 0, 0] / mass[0], 1.0
+    rows[:, 6:] = np.cross(axes, arm[:, 1:])[..., 2] / mass[0]
+    return np.asarray((rows[:, None] @ samples.jacobian)[:, 0])
 
 
 def _second(x: Array, dt: float) -> Array:

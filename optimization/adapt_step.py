@@ -90,14 +90,18 @@ def solve_step(
     picked: list[tuple[int, float, npt.NDArray[np.intp]]] = []
     for number, family in enumerate(point.rows):
         # The farthest that each row can go, exactly, as the step is in a box.
-        middle = family.value + family.jacobian @ (0.5 * (high + low))
+        at, near = family.value[family.near], family.near
+        middle = at + family.jacobian @ (0.5 * (high + low))
         half = np.abs(family.jacobian) @ (0.5 * (high - low))
-        sides = ((1.0, middle + half, family.upper), (-1.0, half - middle, -family.lower))
+        sides = (
+            (1.0, middle + half, family.upper[near]),
+            (-1.0, half - middle, -family.lower[near]),
+        )
         for sign, farthest, bound in sides:
             rows = np.flatnonzero(farthest > bound)
-            picked.append((number, sign, rows))
+            picked.append((number, sign, near[rows]))
             G.append(sign * family.jacobian[rows])
-            h.append(bound[rows] - sign * family.value[rows])
+            h.append(bound[rows] - sign * at[rows])
             owner.append(np.full(len(rows), 1 + len(point.goals) + number))
     owned = np.concatenate(owner)
     slacks, column = np.unique(owned, return_inverse=True)
@@ -130,10 +134,15 @@ def solve_step(
 
 def _promised(problem: Problem, point: Point, B: Array, d: Array, penalty: float) -> float:
     """How much less the model's merit is after the step d."""
+    rows = []
+    for family in point.rows:
+        value = family.value.copy()
+        value[family.near] += family.jacobian @ d
+        rows.append(family._replace(value=value))
     ahead = point._replace(
         logit=point.logit + float(point.by_logit @ d),
         goals=point.goals + point.by_goals @ d,
-        rows=[row._replace(value=row.value + row.jacobian @ d) for row in point.rows],
+        rows=rows,
     )
     saved = point.violations(problem.ceiling) - ahead.violations(problem.ceiling)
     return float(penalty * saved.sum() - point.gradient @ d - 0.5 * d @ B @ d)
@@ -162,8 +171,8 @@ def lagrangian_gradient(point: Point, prices: Multipliers, box: bool = True) -> 
     """(X,) gradient of the Lagrangian, with or without the variables' own bounds."""
     made = point.gradient + prices.fall * point.by_logit - prices.goals @ point.by_goals
     for family, price in zip(point.rows, prices.rows, strict=True):
-        active = np.flatnonzero(price)
-        made = made + price[active] @ family.jacobian[active]
+        if price.any():
+            made = made + price[family.near] @ family.jacobian
     return np.asarray(made + prices.box if box else made)
 
 
