@@ -28,7 +28,7 @@ _STEPS = 400  # of a curve
 def print_evaluation(figures: dict[str, Any], console: Console) -> None:
     """Prints the paper's Table 1, then what a balanced test set hides."""
     rows = figures["rows"]
-    errors = [f"{name} [({unit})²]" for name, unit in UNITS.items()]
+    errors = [f"{name} [{squared(unit)}]" for name, unit in UNITS.items()]
     table = Table(
         *map(escape, ("model", "horizon", "fall accuracy [%]", *errors)),
         title="unseen commands, as many falls as not: accuracy, mean squared errors",
@@ -46,21 +46,28 @@ def print_evaluation(figures: dict[str, Any], console: Console) -> None:
         table.add_row(
             row["model"],
             f"{row['horizon_s']:g} s",
-            f"{100 * row['false_positive_rate']:.2f}",
+            percent(row["false_positive_rate"]),
             f"{row['auroc']:.4f}",
-            f"{100 * row['fall_accuracy_early']:.2f}",
+            percent(row["fall_accuracy_early"]),
             f"{row['lead_time']['median_s']:.2f}",
-            f"{100 * row['lead_time']['missed']:.1f}",
+            percent(row["lead_time"]["missed"], 1),
             f"{row['calibration_error']:.4f}",
             accuracy(row["held_out"]) if row["held_out"] else "",
             *(f"{row['errors'][name]['r2']:.2f}" for name in UNITS),
         )
     console.print(table)
     for row in rows:
-        if row.get("trained_on"):
+        if "trained_on" in row:
             console.print(
                 f"{row['model']}, {row['horizon_s']:g} s: {row['weights']}, {trained(row)}",
                 markup=False, highlight=False, soft_wrap=True,
+            )  # fmt: skip
+    for row in rows:
+        if not row.get("same_data", True):
+            console.print(
+                f"{row['model']}, {row['horizon_s']:g} s: learned from other data than these; "
+                "whether it knows these commands cannot be told",
+                style="yellow", highlight=False,
             )  # fmt: skip
 
 
@@ -68,6 +75,16 @@ def accuracy(figures: dict[str, Any]) -> str:
     """Accuracy and its interval [%]."""
     low, high = (100.0 * x for x in figures["fall_accuracy_interval"])
     return f"{100.0 * figures['fall_accuracy']:.2f} ({low:.2f} to {high:.2f})"
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """A share of 1 [%]; nothing where there is none."""
+    return "" if np.isnan(share) else f"{100.0 * share:.{digits}f}"
+
+
+def squared(unit: str) -> str:
+    """A unit's square."""
+    return f"({unit})²" if "/" in unit else f"{unit}²"
 
 
 def trained(row: dict[str, Any]) -> str:
@@ -83,9 +100,15 @@ def trained(row: dict[str, Any]) -> str:
 def render_card(figures: dict[str, Any]) -> str:
     """A card for weights, in Markdown; every number in it is from the figures."""
     return render(
-        "ppn_card.md", figures=figures, units=UNITS, accuracy=accuracy, early=EARLY,
-        networks=[row for row in figures["rows"] if row.get("trained_on")],
-    )  # fmt: skip
+        "ppn_card.md",
+        figures=figures,
+        units=UNITS,
+        squared=squared,
+        accuracy=accuracy,
+        percent=percent,
+        early=EARLY,
+        networks=[row for row in figures["rows"] if "trained_on" in row],
+    )
 
 
 def render_evaluation(figures: dict[str, Any], judged: Sequence[Judgement]) -> str:
@@ -113,6 +136,8 @@ def render_evaluation(figures: dict[str, Any], judged: Sequence[Judgement]) -> s
         early=EARLY,
         bins=BINS,
         accuracy=accuracy,
+        percent=percent,
+        squared=squared,
         trained=trained,
         curve=None if curve is None else plot(curve, "learning_curve"),
     )
@@ -234,7 +259,7 @@ def _errors(judgement: Judgement) -> go.Figure:
 def _learning_curve(rows: Sequence[dict[str, Any]]) -> go.Figure | None:
     """Accuracy over executions learned from, of full models; None where there is no curve."""
     figure, drawn = go.Figure(), False
-    networks = [row for row in rows if row.get("trained_on") and "without" not in row["model"]]
+    networks = [row for row in rows if "trained_on" in row and "without" not in row["model"]]
     for number, horizon in enumerate(sorted({row["horizon_s"] for row in networks})):
         own = [row for row in networks if row["horizon_s"] == horizon]
         own.sort(key=lambda row: row["trained_on"]["executions_learned"])

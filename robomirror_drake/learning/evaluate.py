@@ -156,7 +156,9 @@ def _files(place: Path) -> Iterator[Path]:
         yield place
         return
     if not place.is_dir():
-        raise ResultError(f"{place}: no such file or folder of weights")
+        raise ResultError(
+            f"{place}: no such file or folder of weights; train some with `robomirror train`"
+        )
     for path in sorted(place.rglob("*.safetensors")):
         if path.name != CHECKPOINT:
             yield path
@@ -190,7 +192,8 @@ def _judge(
     made = []
     for number, model in enumerate(models, start=1):
         told = [_told(model.predictor, data, which) for which in (unseen, held)]
-        made.append(Judgement(_about(model) | _row(truths, told, draws), truths[0], told[0]))
+        about = _about(model, data)
+        made.append(Judgement(about | _row(truths, told, draws), truths[0], told[0]))
         report(f"{horizon:g} s: networks", number, len(models))
     if options.baselines:
         learned = data.of(lambda row: row["split"] == "train")
@@ -218,8 +221,8 @@ def _told(predictor: Predictor, data: Windows, which: Integers) -> Told:
     return Told(scores.fall.double().numpy(), scores.errors.double().numpy(), threshold)
 
 
-def _about(model: Weights) -> dict[str, Any]:
-    """What is to be said of a network."""
+def _about(model: Weights, data: Windows) -> dict[str, Any]:
+    """What is to be said of a network; ``same_data``: it learned from this very data set."""
     return {
         "model": model.model,
         "horizon_s": model.options.horizon,
@@ -228,6 +231,7 @@ def _about(model: Weights) -> dict[str, Any]:
         "weights": str(model.path),
         "parameters": sum(p.numel() for p in model.predictor.network.parameters()),
         "trained_on": model.predictor.header["data"],
+        "same_data": model.predictor.header["data"]["fingerprint"] == data.fingerprint,
     }
 
 

@@ -49,7 +49,10 @@ class Draws:
         _, self._cluster = np.unique(cluster, return_inverse=True)
         count = int(self._cluster.max(initial=-1)) + 1
         rng = np.random.default_rng(seed)
-        self._weight = rng.multinomial(count, np.full(count, 1.0 / count), size=draws)
+        share = np.full(count, 1.0 / max(count, 1))
+        self._weight = (
+            rng.multinomial(count, share, size=draws) if count else np.zeros((draws, 0), np.int64)
+        )
 
     def balanced(self, said: BoolArray, fall: BoolArray) -> Array:
         """(draws,) :func:`balanced`; NaN where a draw lacks one kind of window."""
