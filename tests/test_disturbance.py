@@ -169,3 +169,13 @@ def test_what_has_diverged_is_measured_as_such():
     assert np.isnan(measured(state, SensorNoise(orientation=0.01), 0, 0)[:4]).all()
     huge = measured(np.full(59, 1e300), SensorNoise(orientation=0.01), 0, 0)
     assert np.abs(huge).max() >= 1e300
+
+
+def test_orientation_noise_turns_the_base_about_its_own_axes():
+    state = np.zeros(59)
+    state[:4] = Rotation.from_euler("xyz", [0.3, -0.2, 1.1]).as_quat(scalar_first=True)
+    noise = SensorNoise(orientation=0.05)
+    drawn = stream_rng(4, "sensors", 9).standard_normal(52)[:3]
+    seen = Rotation.from_quat(measured(state, noise, 4, 9)[:4], scalar_first=True)
+    true = Rotation.from_quat(state[:4], scalar_first=True)
+    np.testing.assert_allclose((true.inv() * seen).as_rotvec(), 0.05 * drawn, atol=1e-12)
