@@ -115,11 +115,18 @@ def _train(options: TrainOptions) -> None:
                     highlight=False,
                 )
 
+        def read(count: int) -> None:
+            bars.update(reading, completed=count)
+
         def stepped(done: int, total: int) -> None:
             bars.update(reading, visible=False)
             bars.update(learning, visible=True, completed=done, total=total)
 
-        path = run(options, report, lambda count: bars.update(reading, completed=count), stepped)
+        try:
+            path = run(options, report, read, stepped)
+        except KeyboardInterrupt:
+            console.print("interrupted; the same command goes on")
+            raise
     print_weights(path)
     out.print(f"log: {options.out / LOG}", soft_wrap=True, highlight=False)
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from importlib.resources import files
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
+from threadpoolctl import threadpool_limits
 
-from robomirror_drake import checkpoint
 from robomirror_drake.dataset.windows import ERRORS
 from robomirror_drake.exceptions import ConfigError, ResultError
 from robomirror_drake.learning.baselines import fit_baselines
@@ -25,10 +24,10 @@ from robomirror_drake.learning.judge import (
     family_figures,
 )
 from robomirror_drake.learning.metrics import Draws, interval
-from robomirror_drake.learning.train import CHECKPOINT, predict
+from robomirror_drake.learning.train import predict
+from robomirror_drake.learning.weights import Weights, load_all
 from robomirror_drake.learning.windows import Integers, Windows, load_windows
-from robomirror_drake.ppn.options import PPNOptions
-from robomirror_drake.ppn.predictor import Predictor, load_predictor
+from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.robot import Robot, load_robot
 
 Report = Callable[[str, int, int | None], None]
@@ -46,30 +45,6 @@ class EvaluateOptions(BaseModel):
     baselines: bool = Field(True, description="train and judge the baselines too")
     seed: int = Field(0, ge=0, le=2**32 - 1, description="of the bootstrap and the baselines")
     threads: int = Field(1, ge=1, le=256, description="of the processor")
-
-
-class Weights(NamedTuple):
-    """Trained weights.
-
-    Attributes:
-        path: Their file.
-        model: What they are a model of, in words.
-        predictor: Made from them.
-    """
-
-    path: Path
-    model: str
-    predictor: Predictor
-
-    @property
-    def options(self) -> PPNOptions:
-        """Of the network."""
-        return self.predictor.options
-
-    @property
-    def training(self) -> dict[str, Any]:
-        """Settings that they were trained with."""
-        return dict(self.predictor.header["options"])
 
 
 class Judgement(NamedTuple):
@@ -124,62 +99,6 @@ def evaluate(
     return figures, judged
 
 
-def load_all(paths: Sequence[Path], robot: Robot) -> list[Weights]:
-    """All weights in files and folders, the full models first.
-
-    Raises:
-        ConfigError: A file holds no weights for this robot.
-        ResultError: There are none.
-    """
-    places = paths or [Path(str(files("robomirror_drake.assets") / "ppn"))]
-    found = list(dict.fromkeys(file for place in places for file in _files(place)))
-    if not found:
-        raise ResultError(
-            f"{', '.join(map(str, places))}: no weights of a {checkpoint.PREDICTOR}; "
-            "train them with `robomirror train`, or name others with --weights"
-        )
-    loaded = [(path, load_predictor(path, robot)) for path in found]
-    told = [(p.options.horizon, _described(p)) for _, p in loaded]
-    models = [
-        Weights(
-            path,
-            words if told.count((horizon, words)) == 1 else f"{words} ({path})",
-            predictor,
-        )
-        for (path, predictor), (horizon, words) in zip(loaded, told, strict=True)
-    ]
-    return sorted(models, key=lambda m: (m.options.horizon, len(m.model), m.model))
-
-
-def _files(place: Path) -> Iterator[Path]:
-    if place.is_file():
-        yield place
-        return
-    if not place.is_dir():
-        raise ResultError(
-            f"{place}: no such file or folder of weights; train some with `robomirror train`"
-        )
-    for path in sorted(place.rglob("*.safetensors")):
-        if path.name != CHECKPOINT:
-            yield path
-
-
-def _described(predictor: Predictor) -> str:
-    """What a network is: all of it, or what it does without."""
-    options, share = predictor.options, predictor.header["options"]["share"]
-    lacks = [
-        words
-        for words, there in (
-            ("reference", options.use_reference),
-            ("state", options.use_state),
-            ("cross-attention", options.use_cross_attention),
-        )
-        if not there
-    ]
-    words = "PPN" + (f" without {' and '.join(lacks)}" if lacks else "")
-    return words if share == 1.0 else f"{words}, {100 * share:g} % of the commands"
-
-
 def _judge(
     models: list[Weights], data: Windows, robot: Robot, options: EvaluateOptions, report: Report
 ) -> list[Judgement]:
@@ -199,10 +118,11 @@ def _judge(
         learned = data.of(lambda row: row["split"] == "train")
         for name, which in (("validation", judged), ("train", learned)):
             _check(options.data, name, data, which)
-        fitted = fit_baselines(
-            data, learned, judged, robot, models[0].options, options.seed,
-            lambda done, total: report(f"{horizon:g} s: baselines", done, total),
-        )  # fmt: skip
+        with threadpool_limits(options.threads):
+            fitted = fit_baselines(
+                data, learned, judged, robot, models[0].options, options.seed,
+                lambda done, total: report(f"{horizon:g} s: baselines", done, total),
+            )  # fmt: skip
         threshold = balanced_threshold(float(data.fall[judged].float().mean()))
         for baseline in fitted:
             about = {"model": baseline.name, "horizon_s": horizon, "share": 1.0}
