@@ -84,27 +84,30 @@ def set_initial_state(
 def simulate(
     simulator: Simulator,
     systems: ExecutionSystems,
-    end: float,
+    end: float | Callable[[], float],
     options: SimulationOptions,
     progress: Progress | None = None,
 ) -> None:
-    """Simulates up to ``end``, or until shortly after a fall.
+    """Simulates up to ``end``, which may move on the way, or until shortly after a fall.
 
     Raises:
         SimulationError: The physics diverged before a fall was on record.
     """
     simulator.set_monitor(stop_after_fall(systems, options))
     simulator.Initialize()
-    for stop in np.append(np.arange(0.1, end, 0.1), end):
+    until = end if callable(end) else lambda: end
+    tenth = 0
+    while simulator.get_context().get_time() < until():
+        tenth += 1
         try:
-            status = simulator.AdvanceTo(float(stop))
+            status = simulator.AdvanceTo(min(0.1 * tenth, until()))
         except RuntimeError as error:
             now = simulator.get_context().get_time()
             if now > fall_time(systems, simulator.get_context()) + PERIOD:
                 break
             raise SimulationError(now, str(error)) from error
         if progress is not None:
-            progress(simulator.get_context().get_time(), end)
+            progress(simulator.get_context().get_time(), until())
         if status.reason() == status.ReturnReason.kReachedTerminationCondition:
             break
 

@@ -54,6 +54,7 @@ class ExecutionSystems:
         actuation: None where the controller's torques go straight to the joints.
         friction: Between soles and ground.
         start: (59,) by how much the robot's first state differs from the reference's.
+        seen: The robot's state as the controller sees it.
     """
 
     plant: MultibodyPlant
@@ -65,6 +66,7 @@ class ExecutionSystems:
     actuation: Actuation | None
     friction: float
     start: Array
+    seen: OutputPort
 
     @property
     def reference_port(self) -> InputPort:
@@ -146,7 +148,9 @@ def build_execution(
         builder.Connect(ground.GetOutputPort(port), recorder.GetInputPort(port))
     log = LogVectorOutput(recorder.GetOutputPort("sample"), builder, publish_period=PERIOD)
     log.set_name("execution_log")
-    return ExecutionSystems(*physics, controller, recorder, log, actuation, friction, drawn.start)
+    return ExecutionSystems(
+        *physics, controller, recorder, log, actuation, friction, drawn.start, seen
+    )
 
 
 def draw_run(robot: Robot, options: SimulationOptions, seed: int) -> tuple[Drawn, float]:

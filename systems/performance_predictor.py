@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,6 +14,7 @@ from pydrake.systems.framework import (
 
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.ppn.predictor import History, Predictor
+from robomirror_drake.systems.history import RecentStates
 from robomirror_drake.systems.ports import expect_some
 
 
@@ -42,15 +42,14 @@ class PerformancePredictor(LeafSystem):
         self._predictor = predictor
         options = predictor.options
         size = 2 * len(predictor.header["joints"]) + 13 if predictor.header else 59
-        self._shape = (options.back, size)
+        self._recent = RecentStates(options.back, size, options.rate)
         self._references = self.DeclareAbstractInputPort("references", Value(object()))
         self._state: InputPort = self.DeclareVectorInputPort("state", size)
-        unseen = np.full((options.back - 1, size), np.inf)
-        self._seen = self.DeclareDiscreteState(unseen.ravel())
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / options.rate, 0.0, self._gather)
+        self._seen = self.DeclareDiscreteState(self._recent.unseen())
+        self.DeclarePeriodicDiscreteUpdateEvent(self._recent.period, 0.0, self._gather)
         self._history = self.DeclareVectorOutputPort(
             "history",
-            self._shape[0] * self._shape[1],
+            options.back * size,
             self._calc_history,
             {self._state.ticket(), self.discrete_state_ticket(self._seen)},
         )
@@ -67,28 +66,21 @@ class PerformancePredictor(LeafSystem):
 
     def history(self, context: Context) -> History:
         """The recent states of the robot in a context."""
-        rows = self._history.Eval(context).reshape(self._shape)
-        positions = (self._shape[1] + 1) // 2
+        recent = self._recent
+        rows = self._history.Eval(context).reshape(recent.count, recent.size)
+        positions = (recent.size + 1) // 2
         return History(rows[:, :positions], rows[:, positions:])
 
     def _gather(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        seen = np.roll(self._rows(context), -1, axis=0)
-        seen[-1:] = self._state.Eval(context)
-        discrete_state.set_value(self._seen, seen.ravel())
+        stored = context.get_discrete_state(self._seen).value()
+        discrete_state.set_value(self._seen, self._recent.pushed(stored, self._state.Eval(context)))
         return EventStatus.Succeeded()
 
     def _calc_history(self, context: Context, output: BasicVector) -> None:
-        rows = np.vstack([self._rows(context), self._state.Eval(context)])
-        known = np.isfinite(rows[:, 0])
-        first = rows[np.argmax(known)].copy()
-        first[(self._shape[1] + 1) // 2 :] = 0.0  # it stood there
-        rows[~known] = first
+        stored = context.get_discrete_state(self._seen).value()
+        rows = self._recent.completed(stored, self._state.Eval(context))
         output.SetFromVector(rows.ravel())
 
     def _calc_predictions(self, context: Context, output: Value[object]) -> None:
         references = expect_some(self._references.Eval(context), RobotReference, "references")
         output.set_value(self._predictor.predict(references, 0.0, self.history(context)))
-
-    def _rows(self, context: Context) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        seen = context.get_discrete_state(self._seen).value()
-        return np.array(seen).reshape(self._shape[0] - 1, self._shape[1])

@@ -170,22 +170,25 @@ class WholeBodyController(LeafSystem):
         return reference
 
     def _calc_trajectory(self, context: Context, value: AbstractValue) -> None:
-        value.set_value(reference_trajectory(self._robot, self._reference_of(context)))
+        reference = self._reference_of(context)
+        if not _made_from(reference, value):
+            value.set_value((reference, reference_trajectory(self._robot, reference)))
 
     def _calc_preview(self, context: Context, value: AbstractValue) -> None:
         options, reference = self._options, self._reference_of(context)
-        if options.preview == "lqr":
-            friction = options.qp.friction
-            value.set_value(preview_gains(self._robot, reference, friction, options.lqr))
-        else:
-            value.set_value(None)
+        if not _made_from(reference, value):
+            gains = None
+            if options.preview == "lqr":
+                friction = options.qp.friction
+                gains = preview_gains(self._robot, reference, friction, options.lqr)
+            value.set_value((reference, gains))
 
     def _trajectory_of(self, context: Context) -> ReferenceTrajectory:
-        trajectory: ReferenceTrajectory = self._trajectory.Eval(context)
+        trajectory: ReferenceTrajectory = self._trajectory.Eval(context)[1]
         return trajectory
 
     def _preview_of(self, context: Context) -> Preview | None:
-        preview: Preview | None = self._preview.Eval(context)
+        preview: Preview | None = self._preview.Eval(context)[1]
         return preview
 
     def _unpack(self, vector: Array) -> _State:
@@ -246,7 +249,7 @@ class WholeBodyController(LeafSystem):
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._unpack(context.get_discrete_state_vector().value()).torque)
+        output.SetFromVector(context.get_discrete_state_vector().value()[: self._split[0]])
 
     def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
         last = self._unpack(context.get_discrete_state_vector().value())
@@ -257,3 +260,13 @@ class WholeBodyController(LeafSystem):
         wanted = sample_reference(self._trajectory_of(context), now, self._options.qp.contact_ramp)
         q = self._robot.to_drake(wanted.q)
         output.SetFromVector(np.concatenate([q, self._robot.v_to_drake(q, wanted.v)]))
+
+
+def _made_from(reference: RobotReference, value: AbstractValue) -> bool:
+    """Whether a cache entry holds what was made from a reference, of which it keeps hold.
+
+    A source whose output counts as changed at every tick gives the same object again; what
+    is made from it is too dear to be made again.
+    """
+    held = value.get_value()
+    return isinstance(held, tuple) and held[0] is reference

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -127,11 +128,31 @@ class Predictor:
         samples = self._tensor(q).requires_grad_()
         with torch.enable_grad():
             scores, count = self._windows(samples, self._tensor(contact), history, every)
-            fall = scores.fall.reshape(len(q), count)
-            logit = torch.logsumexp(_SHARPNESS * fall, 1) / _SHARPNESS
+            logit = _highest(scores.fall.reshape(len(q), count))
             (gradient,) = torch.autograd.grad(logit.sum(), samples)
         errors = scores.errors.detach().exp().reshape(len(q), count, -1).mean(1)
         return Judged(*(x.detach().double().numpy() for x in (logit, errors, gradient)))
+
+    def foresee(
+        self, q: Array, contact: Array, history: History, ahead: float, every: float = EVERY
+    ) -> QualityPrediction:
+        """As :meth:`judge`, of windows that begin before a time ``ahead`` [s], with no gradient.
+
+        Args:
+            q: (n, N, 30) motions at the network's rate, Drake order.
+            contact: (n, N, 2, 4) which sole corners are meant to bear load.
+            history: Of the robot, in the world of the motions.
+            ahead: Time before which windows begin [s].
+            every: From one window to the next [s].
+        """
+        self._check(history)
+        with torch.no_grad():
+            scores, count = self._windows(
+                self._tensor(q), self._tensor(contact), history, every, ahead
+            )
+        fall = torch.sigmoid(_highest(scores.fall.reshape(len(q), count)).double()).numpy()
+        errors = scores.errors.double().exp().reshape(len(q), count, -1).mean(1).numpy()
+        return QualityPrediction(ahead + self.options.horizon, fall, *errors.T)
 
     def check_features(self, source: object) -> None:
         """Raises ConfigError where the network was made for other features than there are here."""
@@ -146,21 +167,27 @@ class Predictor:
                 raise ConfigError(f"{source}: {there} features of a {name}, but here are {here}")
 
     def _windows(
-        self, q: Tensor, contact: Tensor, history: History | None, every: float
+        self,
+        q: Tensor,
+        contact: Tensor,
+        history: History | None,
+        every: float,
+        ahead: float = math.inf,
     ) -> tuple[Scores, int]:
         """Scores of all windows, motion by motion, and how many each has."""
         options, number, samples = self.options, len(q), q.shape[1]
-        back, ahead = options.back - 1, options.ahead
-        held = torch.arange(-back - PAD, samples + ahead + PAD).clamp(0, samples - 1)
+        back, future_samples = options.back - 1, options.ahead
+        held = torch.arange(-back - PAD, samples + future_samples + PAD).clamp(0, samples - 1)
         asked = self._reference(q[:, held], contact[:, held[PAD:-PAD]])
         past, future = asked.as_state(self._asked).flat(), asked.flat()
-        first = torch.arange(0, max(samples - 1, 1), max(1, round(every * options.rate)))
+        until = max(math.ceil(min(samples - 1, ahead * options.rate)), 1)
+        first = torch.arange(0, until, max(1, round(every * options.rate)))
         states = past[:, first[:, None] + torch.arange(options.back)]
         if history is not None:
             states = torch.cat(
                 [self._state(history).flat().expand(number, 1, -1, -1), states[:, 1:]], 1
             )
-        references = future[:, back + first[:, None] + torch.arange(ahead)]
+        references = future[:, back + first[:, None] + torch.arange(future_samples)]
         return self._scores(states.flatten(0, 1), references.flatten(0, 1)), len(first)
 
     @property
@@ -189,6 +216,11 @@ class Predictor:
                 f"a history of {len(history.q)} states; the network looks at "
                 f"{self.options.back}, {1.0 / self.options.rate:g} s apart"
             )
+
+
+def _highest(fall: Tensor) -> Tensor:
+    """(n,) smooth maximum of logits (n, W) over windows."""
+    return torch.logsumexp(_SHARPNESS * fall, 1) / _SHARPNESS
 
 
 def quality(horizon: float, scores: Scores) -> QualityPrediction:
