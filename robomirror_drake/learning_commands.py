@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -70,6 +71,8 @@ def train(
 def _parts(options: TrainOptions, shares: str) -> list[TrainOptions]:
     """A training for each share, in folders beside the one of all commands.
 
+    Epochs are as many more as there are fewer commands: all trainings take as many steps.
+
     Raises:
         ConfigError: A share is no number from 0 to 1.
     """
@@ -82,7 +85,9 @@ def _parts(options: TrainOptions, shares: str) -> list[TrainOptions]:
         except ValueError as error:
             raise ConfigError(f"--shares {shares}: {text!r} is not a number") from error
         place = options.out if share == 1.0 else Path(f"{options.out}_share_{share:g}")
-        made.append(changed(options, share=share, out=place))
+        part = changed(options, share=share, out=place)
+        epochs, patience = (math.ceil(n / share) for n in (options.epochs, options.patience))
+        made.append(changed(part, epochs=epochs, patience=patience))
     return made or [options]
 
 

@@ -12,9 +12,13 @@ from robomirror_drake.dataset.columns import episodes_table, frame_columns, fram
 from robomirror_drake.dataset.shards import Store, encode, write_shard
 from robomirror_drake.dataset.windows import label_windows
 from robomirror_drake.exceptions import ResultError
+from robomirror_drake.learning.train import predict
 from robomirror_drake.learning.windows import load_windows, read_episodes_of
+from robomirror_drake.messages import RobotReference
 from robomirror_drake.ppn.mirror import Mirror
+from robomirror_drake.ppn.model import PPN
 from robomirror_drake.ppn.options import PPNOptions
+from robomirror_drake.ppn.predictor import History, Predictor
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()
@@ -157,3 +161,31 @@ def test_commands_that_were_refused_are_passed_over(tmp_path, write_executions):
     shard = Store(tmp_path).group(7, 7)
     write_shard(shard, *encode(episodes_table([row]), frames_table(empty, 23)))
     assert len(list(read_episodes_of(tmp_path))) == 2
+
+
+def test_a_predictor_at_work_sees_what_was_learned_from(folder, windows):
+    """From messages it foresees what it is judged by on windows of the same execution."""
+    torch.manual_seed(0)
+    network = PPN(OPTIONS, windows.states.shape[1], windows.references.shape[1])
+    which = np.flatnonzero(windows.episode == 3)
+    state, reference = inputs(windows)
+    network.fit_scales(state.flatten(0, 1), reference.flatten(0, 1), windows.errors)
+    scores = predict(network, windows, which)
+    predictor = Predictor(network, ROBOT)
+    episode = list(read_episodes_of(folder))[3]
+    count = len(episode.raw_q)
+    rates = np.zeros((count, 29))
+    asked = RobotReference(
+        time=np.arange(count) / 60.0, q=episode.raw_q, v=rates, a=rates,
+        contact=episode.raw_contact > 0.5, text="", source="", residuals={},
+    )  # fmt: skip
+    step = round(60 / OPTIONS.rate)
+    for number, start in enumerate(start_times(windows)[which]):
+        past = np.round(start * 60).astype(int) + step * np.arange(1 - OPTIONS.back, 1)
+        rows = np.maximum(past, 0)
+        history = History(episode.track.q[rows], episode.track.v[rows])
+        told = predictor.predict([asked], float(start), history)
+        expected = float(torch.sigmoid(scores.fall[number]))
+        assert told.fall_probability[0] == pytest.approx(expected, abs=1e-5)
+        assert told.A_p[0] == pytest.approx(float(scores.errors[number, 3].exp()), rel=1e-4)
+    assert float(scores.fall.std()) > 0.01
