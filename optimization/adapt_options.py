@@ -64,7 +64,7 @@ class AdaptOptions(_Options):
     most_knots: int = Field(
         10, ge=3, description="spaces between knots at most: longer motions have wider ones"
     )
-    smoothing: float = Field(1.0, gt=0.0, description="over which posture is smoothed [s]")
+    smoothing: float = Field(2.0, gt=0.0, description="over which posture is smoothed [s]")
     path_smoothing: float = Field(0.4, gt=0.0, description="likewise the way over the floor [s]")
     knee_min: float = Field(0.2, ge=0.0, description="least knee angle [rad]")
     speed_share: float = Field(1.0, gt=0.0, le=1.0, description="of the joints' speed limits")

@@ -35,6 +35,7 @@ from robomirror_drake.robot import rotation_matrix
 LINKS = 3
 """Pelvis, left foot, right foot: the links whose poses are coordinates."""
 
+_LIFT = 0.25  # share of a swing in which its excursion begins to count, and ceases
 _EASE = 0.3  # time in which tempo changes where a motion is under way at its start [s]
 _SHORTEST = 0.12  # shorter swings are flicker of the labels [s]
 _MOVING = 0.2  # speed that is no rest [m/s, rad/s]
@@ -174,12 +175,14 @@ def make_path(legs: Legs, reference: RobotReference, options: AdaptOptions) -> M
         way[:, 1 + foot, :2] = _foot_way(way[:, 0, :2], stands[:, foot])
         for a, b in _swings(stands[:, foot]):
             part = slice(a, b + 1)
-            s = _ease(np.linspace(0.0, 1.0, b + 1 - a))[:, None]
+            u = np.linspace(0.0, 1.0, b + 1 - a)[:, None]
+            s, aloft = _ease(u), _ease(np.minimum(np.minimum(u, 1.0 - u) / _LIFT, 1.0))
             ends = p[[a, b], 1 + foot]
-            excursion[part, 1 + foot] = p[part, 1 + foot] - (1.0 - s) * ends[0] - s * ends[1]
+            straight = (1.0 - s) * ends[0] + s * ends[1]
+            excursion[part, 1 + foot] = aloft * (p[part, 1 + foot] - straight)
             start = R[a, 1 + foot]
             between = rotations.log(R[b, 1 + foot] @ start.T)
-            turn[part, 1 + foot] = rotations.log(
+            turn[part, 1 + foot] = aloft * rotations.log(
                 R[part, 1 + foot] @ (rotations.exp(s * between) @ start).swapaxes(1, 2)
             )
             swing[part, foot] = (4.0 * s * (1.0 - s))[:, 0]
