@@ -321,6 +321,28 @@ class QualityPrediction(_Message):
             raise ValueError(f"horizon is {self.horizon}, expected a positive number of seconds")
 
 
+@dataclass(frozen=True, eq=False)
+class Foresight(_Message):
+    """How likely a fall within the next ``horizon`` seconds looked while a motion was executed.
+
+    Attributes:
+        time: (L,) of the execution [s].
+        beforehand: (L,) P(fall) as it looked before the robot moved, if it does what it is told.
+        underway: (L,) P(fall) as it looked then, by what the robot had really done.
+        horizon: How far is looked ahead [s].
+    """
+
+    time: Array
+    beforehand: Array
+    underway: Array
+    horizon: float
+
+    def __post_init__(self) -> None:
+        self._freeze("time", (None,))
+        for name in ("beforehand", "underway"):
+            self._freeze(name, (len(self.time),))
+
+
 DIMENSIONS = ("collision", "feasibility", "stability", "tracking", "smoothness", "goal")
 """The six dimensions that candidates are ranked by, in the order of the columns."""
 

@@ -10,8 +10,9 @@
 ``playback.html``      the same as a moving picture
 =====================  ===========================================================
 
-The columns of the Parquet files are documented in
-:mod:`robomirror_drake.tables`, and in the files themselves.
+Where the robot could adapt the command, the files of
+:mod:`robomirror_drake.adaptation_record` stand beside these. The columns of the Parquet files
+are documented in :mod:`robomirror_drake.tables`, and in the files themselves.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from robomirror_drake.adaptation_record import AdaptedRun, read_adaptation, write_adaptation
 from robomirror_drake.exceptions import ResultError
 from robomirror_drake.messages import Execution, HumanMotion, Outcome, RobotReference
 from robomirror_drake.tables import (
@@ -61,6 +63,7 @@ class Result:
         robot: Name of the robot's YAML.
         seeds: The seeds of the run, by what they seed.
         versions: Versions of the packages that made it.
+        adaptation: What was made of the command and why; None where nothing might be.
     """
 
     command: str
@@ -73,6 +76,7 @@ class Result:
     robot: str = "jvrc1"
     seeds: Mapping[str, int] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=installed_versions)
+    adaptation: AdaptedRun | None = None
 
 
 class _Summary(BaseModel):
@@ -158,6 +162,7 @@ def load_result(folder: Path) -> Result:
         robot=summary.robot,
         seeds=summary.seeds,
         versions=summary.versions,
+        adaptation=read_adaptation(folder),
     )
 
 
@@ -194,6 +199,8 @@ def _write(folder: Path, result: Result, pages: Mapping[str, str]) -> None:
     write_candidates(folder / "candidates.parquet", result.candidates)
     write_message(folder / "reference.parquet", result.reference)
     write_message(folder / "execution.parquet", result.execution)
+    if result.adaptation is not None:
+        write_adaptation(folder, result.adaptation)
 
 
 def _read_text(path: Path) -> str:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 
+from robomirror_drake.adaptation_record import AdaptedRun
 from robomirror_drake.config import Scenario
-from robomirror_drake.exceptions import InputError
+from robomirror_drake.exceptions import InputError, PlanningError, SimulationError
 from robomirror_drake.fall_cause import judge
-from robomirror_drake.messages import HumanMotion, RobotReference
+from robomirror_drake.messages import Execution, HumanMotion, RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.load import load_motion
 from robomirror_drake.motion.mocap import load_clip
@@ -24,12 +26,17 @@ from robomirror_drake.robot import load_robot
 from robomirror_drake.rollout import execution, set_initial_state, simulate
 from robomirror_drake.yaml_file import to_yaml
 
-Stage = Literal["generate", "retarget", "plan", "simulate"]
+if TYPE_CHECKING:
+    from robomirror_drake.adaptation import Adaptation
+
+Stage = Literal["generate", "retarget", "adapt", "plan", "simulate", "compare"]
 STAGES: dict[Stage, str] = {
     "generate": "words to human motions",
     "retarget": "human motions to robot references",
+    "adapt": "what the robot can do of it",
     "plan": "reference to dynamic plan",
     "simulate": "physics",
+    "compare": "what would have happened",
 }
 """The stages of a run in their order, with what to call them on a screen."""
 
@@ -37,13 +44,27 @@ Report = Callable[[Stage, float], None]
 """Called with a stage and the share of it that is done, 0 to 1."""
 
 
-def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | None = None) -> Result:
-    """Runs ``scenario.command``: generate, retarget, plan, simulate, judge.
+def stages(scenario: Scenario, compare: bool = True) -> tuple[Stage, ...]:
+    """The stages that a run has, in their order."""
+    adapts = scenario.adaptation.method != "none"
+    left_out = {"adapt": not adapts, "compare": not (adapts and compare)}
+    return tuple(stage for stage in STAGES if not left_out.get(stage, False))
+
+
+def run(
+    scenario: Scenario,
+    report: Report | None = None,
+    meshcat: Meshcat | None = None,
+    compare: bool = True,
+) -> Result:
+    """Runs ``scenario.command``: generate, retarget, adapt, plan, simulate, judge.
 
     Args:
         scenario: What to do and how.
         report: Told about progress.
         meshcat: Where to show the simulation while it runs, at the speed of real time.
+        compare: Whether the command's own motion is executed as well where the robot was told
+            something else.
 
     Raises:
         InputError: The command or file cannot be used.
@@ -66,6 +87,11 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
         candidates = (source,)
         give_candidates(diagram, context, candidates)
     tell("retarget", 0.0)
+    references: tuple[RobotReference, ...] = diagram.GetOutputPort("references").Eval(context)
+    made: Adaptation | None = None
+    if scenario.adaptation.method != "none":
+        tell("adapt", 0.0)
+        made = diagram.GetOutputPort("adaptation").Eval(context)
     chosen: RobotReference = diagram.GetOutputPort("reference").Eval(context)
     tell("plan", 0.0)
     plan: RobotReference = diagram.GetOutputPort("plan").Eval(context)
@@ -77,6 +103,9 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
     simulate(simulator, systems, end, options, lambda now, _: tell("simulate", now / end))
     done = execution(systems, context, plan, scenario.seed)
     tell("simulate", 1.0)
+    adaptation = None
+    if made is not None:
+        adaptation = _adapted(scenario, made, references, candidates, plan, done, compare, tell)
     return Result(
         command=scenario.command,
         scenario=to_yaml(scenario),
@@ -87,6 +116,52 @@ def run(scenario: Scenario, report: Report | None = None, meshcat: Meshcat | Non
         outcome=judge(robot, done, plan, options),
         robot=scenario.robot,
         seeds={"generator": scenario.seed, "disturbance": scenario.seed},
+        adaptation=adaptation,
+    )
+
+
+def _adapted(
+    scenario: Scenario,
+    made: Adaptation,
+    references: Sequence[RobotReference],
+    motions: Sequence[HumanMotion],
+    plan: RobotReference,
+    done: Execution,
+    compare: bool,
+    tell: Report,
+) -> AdaptedRun:
+    """What the result says of an adaptation; executes the command's own motion where asked to."""
+    # Here, since it is for the network alone that torch has to be there: seconds, else saved.
+    from robomirror_drake.comparison import execute_own, foresight, record_of
+    from robomirror_drake.differences import physics_warnings
+    from robomirror_drake.ppn.predictor import load_predictor
+
+    robot = load_robot(scenario.robot)
+    weights = scenario.adaptation.predictor
+    predictor = load_predictor(weights, robot)
+    record = record_of(robot, scenario, made, references, motions)
+    warnings = physics_warnings(predictor.header, scenario, weights)
+    original, refused = None, "it was not asked for"
+    if record.changed and compare:
+        tell("compare", 0.0)
+        try:
+            original = execute_own(
+                robot, scenario, predictor, references[0],
+                lambda now, end: tell("compare", now / end),
+            )  # fmt: skip
+            refused = ""
+        except (PlanningError, SimulationError) as error:
+            refused = str(error)
+    if not record.changed:
+        refused = "it is what was executed"
+    if compare:
+        tell("compare", 1.0)
+    return AdaptedRun(
+        replace(record, warnings=tuple(warnings), not_compared=refused),
+        references[0],
+        made.reference,
+        foresight(predictor, made.reference, plan, done),
+        original,
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
+from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.fall_cause import judge
@@ -153,7 +154,12 @@ def survey_tasks(
             action=action,
             group=group,
             scenario=scenario.model_copy(
-                update={"command": command, "candidates": 1, "planner": planner}
+                update={
+                    "command": command,
+                    "candidates": 1,
+                    "planner": planner,
+                    "adaptation": AdaptationOptions(),  # how does the action itself end?
+                }
             ),
             name=name,
             seeds=tuple(range(seeds)),

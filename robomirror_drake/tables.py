@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from robomirror_drake.exceptions import ResultError
-from robomirror_drake.messages import Execution, HumanMotion, RobotReference
+from robomirror_drake.messages import Execution, Foresight, HumanMotion, RobotReference
 
 COLUMNS: Mapping[str, tuple[str, str]] = {
     "candidate": ("", "index of the candidate that the frame belongs to"),
@@ -42,6 +42,8 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
     "contact_scheduled": ("", "share of the left, right foot's corners wanted on the ground"),
     "contact_measured": ("", "whether the left, right foot is felt on the ground"),
     "torque_limit": ("", "+1 where a joint's highest torque is asked for, -1 for its lowest"),
+    "beforehand": ("", "P(fall) within the horizon, as it looked before the robot moved"),
+    "underway": ("", "P(fall) within the horizon, by what the robot had really done until then"),
 }
 """Unit and description of the columns."""
 
@@ -51,13 +53,13 @@ FOOT_FORCE = {
 }
 """The one column whose meaning depends on the file."""
 
-_Message = TypeVar("_Message", RobotReference, Execution)
+_Message = TypeVar("_Message", RobotReference, Execution, Foresight)
 
 
-def write_message(path: Path, message: RobotReference | Execution) -> None:
+def write_message(path: Path, message: RobotReference | Execution | Foresight) -> None:
     """Writes one row a sample, one column an array field."""
     values = {f.name: getattr(message, f.name) for f in dataclasses.fields(message)}
-    docs = {**COLUMNS, "foot_force": FOOT_FORCE[type(message)]}
+    docs = {**COLUMNS, "foot_force": FOOT_FORCE.get(type(message), ("", ""))}
     columns = {n: (v, docs[n]) for n, v in values.items() if isinstance(v, np.ndarray)}
     rest = {n: v for n, v in values.items() if not isinstance(v, np.ndarray)}
     plain = {n: dict(v) if isinstance(v, Mapping) else v for n, v in rest.items()}

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from robomirror_drake.exceptions import ResultError
 
 if TYPE_CHECKING:
+    from robomirror_drake.messages import Outcome
     from robomirror_drake.results import Result
 
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
@@ -38,19 +39,31 @@ def progress_bars() -> Progress:
 
 
 def print_outcome(result: Result, folder: Path) -> None:
-    """How a run went, in two lines, and where its pages are."""
-    outcome = result.outcome
-    if outcome.fell:
-        out.print(f"[red]The robot fell at {outcome.fall_time_s:.2f} s[/] ({outcome.fall_cause}).")
-        out.print(f"{outcome.cause}: {outcome.cause_evidence}", markup=False, highlight=False)
-    else:
-        out.print(f"[green]The robot stayed on its feet[/] for {outcome.duration_s:.1f} s.")
+    """How a run went, what was changed for it, and where its pages are."""
+    outcome, adapted = result.outcome, result.adaptation
+    if adapted is not None:
+        for warning in adapted.record.warnings:
+            out.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+        out.print(adapted.record.reason, style="bold", markup=False, highlight=False)
+        if adapted.original is not None:
+            out.print("As commanded: ", end="")
+            _print_end(adapted.original.outcome)
+            out.print("As adapted: ", end="")
+    _print_end(outcome)
     out.print(
         f"mean error: joints {outcome.A_q:.4f} rad, root {100 * outcome.A_p:.1f} cm, "
         f"{outcome.A_theta:.3f} rad"
     )
     for page in ("report.html", "playback.html"):
         out.print(f"{folder / page}", soft_wrap=True, highlight=False)
+
+
+def _print_end(outcome: Outcome) -> None:
+    if outcome.fell:
+        out.print(f"[red]The robot fell at {outcome.fall_time_s:.2f} s[/] ({outcome.fall_cause}).")
+        out.print(f"{outcome.cause}: {outcome.cause_evidence}", markup=False, highlight=False)
+    else:
+        out.print(f"[green]The robot stayed on its feet[/] for {outcome.duration_s:.1f} s.")
 
 
 def check_file(path: Path | None) -> None:

@@ -166,7 +166,8 @@ def train(
     if rank == 0:
         half = {name: t.half() for name, t in checkpoint.named("network", average).items()}
         kept = half | {f"network.{name}": t for name, t in average.named_buffers()}
-        checkpoint.save(path, kept, header | {"best": best}, checkpoint.PREDICTOR)
+        told = header | {"best": best, "scenario": physics_of(options.data)}
+        checkpoint.save(path, kept, told, checkpoint.PREDICTOR)
     return path
 
 
@@ -260,6 +261,13 @@ def _described(data: Windows, learned: Integers, judged: Integers) -> dict[str, 
         "falls_learned": float(data.fall[learned].float().mean()),
         "falls_validation": float(data.fall[judged].float().mean()),
     }
+
+
+def physics_of(data: Path) -> dict[str, Any]:
+    """What of a data set's scenario decides how the robot fares; empty where it does not say."""
+    about = json.loads((data / "dataset.json").read_text(encoding="utf-8"))
+    scenario = about.get("scenario", {})
+    return {name: scenario[name] for name in ("robot", "planner", "simulation") if name in scenario}
 
 
 def _keep(

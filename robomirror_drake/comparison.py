@@ -1,0 +1,134 @@
+"""What was made of a command, for its result; and what would have happened without it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from robomirror_drake.adaptation import Adaptation
+from robomirror_drake.adaptation_record import (
+    AdaptationRecord,
+    Original,
+    RankedCandidate,
+    Task,
+)
+from robomirror_drake.config import Scenario
+from robomirror_drake.fall_cause import judge
+from robomirror_drake.goals import measure
+from robomirror_drake.messages import Execution, Foresight, HumanMotion, RobotReference
+from robomirror_drake.optimization.continuation import begun
+from robomirror_drake.optimization.plan import plan_dynamics
+from robomirror_drake.ppn.features import RECORDED
+from robomirror_drake.ppn.predictor import History, Predictor
+from robomirror_drake.robot import Robot
+from robomirror_drake.rollout import rollout
+
+EVERY = 0.1
+"""From one look ahead to the next [s]."""
+
+
+def record_of(
+    robot: Robot,
+    scenario: Scenario,
+    made: Adaptation,
+    references: Sequence[RobotReference],
+    motions: Sequence[HumanMotion],
+) -> AdaptationRecord:
+    """An adaptation in plain figures.
+
+    Args:
+        robot: The robot.
+        scenario: By which it was adapted.
+        made: What was done.
+        references: The candidates, the command's own motion first.
+        motions: The human motions that these were made from, by their ``source``.
+    """
+    sources = [motion.source for motion in motions]
+    numbers = [sources.index(reference.source) for reference in references]
+    options, candidates = scenario.adaptation, []
+    if made.ranking is not None:
+        ranking, places = made.ranking, np.argsort(made.ranking.order)
+        candidates = [
+            RankedCandidate(
+                number=numbers[i],
+                place=int(places[i]) + 1,
+                scores=tuple(float(score) for score in ranking.scores[i]),
+                quality=float(ranking.quality[i]),
+                fall_probability=float(1.0 - ranking.scores[i, 2]),
+                safe=bool(ranking.safe[i]),
+                reason=ranking.reasons[i],
+            )
+            for i in range(len(ranking.reasons))
+        ]
+    return AdaptationRecord(
+        method=options.method,
+        weights=options.predictor,
+        how=made.how,
+        number=numbers[made.candidate],
+        changed=made.changed is not None or made.candidate != 0,
+        risk_before=made.risk_before,
+        risk=made.risk,
+        allowed=1.0 - options.ranking.t_safe,
+        reason=made.reason,
+        candidates=tuple(candidates),
+        tasks=_tasks(robot, made, references[0]),
+        explanation=None if made.changed is None else made.changed.explanation,
+    )
+
+
+def _tasks(robot: Robot, made: Adaptation, own: RobotReference) -> tuple[Task, ...]:
+    """What the command means, in its own motion and in the one that was taken."""
+    if made.goals is None or made.satisfaction is None:
+        return ()
+    before = measure(robot, made.goals, own.q)
+    return tuple(
+        Task(now.predicate.sentence, now.predicate.unit, was.value, now.value, now.met)
+        for was, now in zip(before.measured, made.satisfaction.measured, strict=True)
+    )
+
+
+def foresight(
+    predictor: Predictor, commanded: RobotReference, plan: RobotReference, execution: Execution
+) -> Foresight:
+    """P(fall) over the time of an execution, as it looked beforehand and on the way.
+
+    Args:
+        predictor: What foresees falls.
+        commanded: The kinematic reference.
+        plan: The dynamic plan made from it, which was executed.
+        execution: What the robot did.
+    """
+    led, options = begun(commanded, plan).commanded, predictor.options
+    times = np.arange(0.0, min(execution.time[-1], led.duration), EVERY)
+    step = round(RECORDED / options.rate)
+    back = step * np.arange(1 - options.back, 1)
+    beforehand: list[float] = []
+    underway: list[float] = []
+    for time in times:
+        rows = np.maximum(round(time * RECORDED) + back, 0)
+        for curve, moved in ((beforehand, led), (underway, execution)):
+            at = np.minimum(rows, len(moved.time) - 1)
+            history = History(moved.q[at], moved.v[at])
+            said = predictor.predict([led], float(time), history)
+            curve.append(float(said.fall_probability[0]))
+    return Foresight(times, np.array(beforehand), np.array(underway), options.horizon)
+
+
+def execute_own(
+    robot: Robot,
+    scenario: Scenario,
+    predictor: Predictor,
+    own: RobotReference,
+    progress: Callable[[float, float], None],
+) -> Original:
+    """The command's own motion in the same physics, with the same seed.
+
+    Raises:
+        PlanningError: There is no dynamic plan of it.
+        SimulationError: The physics diverged before a fall was on record.
+    """
+    plan = plan_dynamics(robot, own, scenario.planner)
+    done = rollout(robot, plan, scenario.simulation, scenario.seed, progress)
+    outcome = judge(robot, done, plan, scenario.simulation)
+    return Original(plan, done, outcome, foresight(predictor, own, plan, done))
