@@ -14,7 +14,7 @@ import sys
 import traceback
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.table import Table
@@ -60,6 +60,10 @@ app.add_typer(dataset_app, name="dataset")
 app.command()(train)
 app.command()(evaluate)
 
+Method = Literal["none", "selection", "optimisation", "selection_optimisation"]
+
+RUN_SCENARIO = "default"
+
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
 ]
@@ -97,25 +101,40 @@ def run(
         Path | None, typer.Option("--out", help="Result folder; numbered if it exists.")
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Watch it in a browser.")] = False,
-    scenario: ScenarioOption = "default",
+    method: Annotated[
+        Method | None, typer.Option(help="What may be done with what the robot cannot do.")
+    ] = None,
+    weights: Annotated[
+        str | None,
+        typer.Option(help="Of the predictor: a name in assets/ppn, or a file of your own."),
+    ] = None,
+    compare: Annotated[
+        bool, typer.Option(help="Where the motion was changed, execute the original as well.")
+    ] = True,
+    scenario: ScenarioOption = RUN_SCENARIO,
     graphviz: Annotated[
         Path | None, typer.Option(help="Write the diagram's picture (.dot) here and stop.")
     ] = None,
 ) -> None:
-    """Run a command end to end: motion, reference, physics, report.
+    """Run a command end to end: motion, reference, adaptation, physics, report.
 
-    Example: robomirror run "a person walks forward four steps, then waves"
+    Example: robomirror run "a person strides forward"
+
+    What the robot is foreseen to fall with is changed before it moves: another of the
+    candidates is taken, or the motion is done otherwise, as little as it takes. Says what was
+    changed and why, and what would have happened.
     """
     from robomirror_drake.results import check_place
 
     settings = _scenario(scenario, command=command, seed=seed, candidates=candidates)
+    settings = _adapting(settings, method, weights)
     if graphviz is not None:
         check_file(graphviz)
         _write_graphviz(settings, graphviz)
         return
     place = folder or Path("results") / slug(settings.command)
     check_place(place)
-    result = _run(settings, live)
+    result = _run(settings, live, compare)
     saved = _save(result, place)
     print_outcome(result, saved)
 
@@ -307,14 +326,25 @@ def _scenario(name: str, **changes: Any) -> Scenario:
     return changed(load_scenario(name), **changes)
 
 
-def _run(scenario: Scenario, live: bool) -> Result:
-    from robomirror_drake.run import STAGES, run, start_viewer
+def _adapting(scenario: Scenario, method: str | None, weights: str | None) -> Scenario:
+    """The scenario with what the command line says of adaptation instead."""
+    from robomirror_drake.yaml_file import changed
+
+    adaptation = changed(scenario.adaptation, method=method, predictor=weights)
+    return scenario.model_copy(update={"adaptation": adaptation})
+
+
+def _run(scenario: Scenario, live: bool, compare: bool) -> Result:
+    from robomirror_drake.run import STAGES, run, stages, start_viewer
 
     viewer = start_viewer() if live else None
     if viewer is not None:
         out.print(f"watch it at {viewer.web_url()}")
     with progress_bars() as progress:
-        tasks = {s: progress.add_task(text, total=1.0, start=False) for s, text in STAGES.items()}
+        tasks = {
+            stage: progress.add_task(STAGES[stage], total=1.0, start=False)
+            for stage in stages(scenario, compare)
+        }
         order = list(tasks)
 
         def report(stage: Stage, share: float) -> None:
@@ -326,7 +356,7 @@ def _run(scenario: Scenario, live: bool) -> Result:
             progress.update(tasks[stage], completed=share)
 
         try:
-            return run(scenario, report, viewer)
+            return run(scenario, report, viewer, compare)
         except RoboMirrorError:
             for task in tasks.values():  # the message alone says what happened
                 progress.update(task, visible=False)
