@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,24 +20,24 @@ from robomirror_drake.page import plot, render
 def print_evaluation(figures: dict[str, Any], console: Console) -> None:
     """Prints the paper's Table 1, then what a balanced test set hides."""
     rows = figures["rows"]
-    errors = [f"{name} [{squared(unit)}]" for name, unit in UNITS.items()]
-    table = Table(
-        *map(escape, ("model", "horizon", "fall accuracy [%]", *errors)),
-        title="unseen commands, as many falls as not: accuracy, mean squared errors",
+    squares = [f"{name} [{squared(unit)}]" for name, unit in UNITS.items()]
+    _print(
+        console,
+        "unseen commands, as many falls as not: accuracy, mean squared errors",
+        ("fall accuracy [%]", *squares),
+        rows,
+        lambda row: [
+            accuracy(row),
+            *(f"{row['errors'][name]['mse_balanced']:.3g}" for name in UNITS),
+        ],
     )
-    for row in rows:
-        squares = [f"{row['errors'][name]['mse_balanced']:.3g}" for name in UNITS]
-        table.add_row(row["model"], f"{row['horizon_s']:g} s", accuracy(row), *squares)
-    console.print(table)
-    words = ("false alarms [%]", "AUROC", f"≥ {EARLY:g} s before [%]", "lead [s]", "missed [%]")
-    table = Table(
-        *map(escape, ("model", "horizon", *words, "ECE", "held-out families [%]", *UNITS)),
-        title="windows as they come; A: R² of each error",
-    )
-    for row in rows:
-        table.add_row(
-            row["model"],
-            f"{row['horizon_s']:g} s",
+    _print(
+        console,
+        f"windows as they come; early: at least {EARLY:g} s before a fall",
+        ("false alarms [%]", "AUROC", "early [%]", "lead [s]", "missed [%]", "ECE",
+         "held-out families [%]"),
+        rows,
+        lambda row: [
             percent(row["false_positive_rate"]),
             f"{row['auroc']:.4f}",
             percent(row["fall_accuracy_early"]),
@@ -45,9 +45,15 @@ def print_evaluation(figures: dict[str, Any], console: Console) -> None:
             percent(row["lead_time"]["missed"], 1),
             f"{row['calibration_error']:.4f}",
             accuracy(row["held_out"]) if row["held_out"] else "",
-            *(f"{row['errors'][name]['r2']:.2f}" for name in UNITS),
-        )
-    console.print(table)
+        ],
+    )  # fmt: skip
+    _print(
+        console,
+        "share of the variance of each error that is explained, R²",
+        tuple(UNITS),
+        rows,
+        lambda row: [f"{row['errors'][name]['r2']:.3f}" for name in UNITS],
+    )
     for row in rows:
         if "trained_on" in row:
             console.print(
@@ -63,10 +69,25 @@ def print_evaluation(figures: dict[str, Any], console: Console) -> None:
             )  # fmt: skip
 
 
+def _print(
+    console: Console,
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[dict[str, Any]],
+    values: Callable[[dict[str, Any]], list[str]],
+) -> None:
+    """Prints a table with a line for each model and horizon."""
+    table = Table("model", "horizon", *map(escape, columns), title=title)
+    table.columns[0].no_wrap = True
+    for row in rows:
+        table.add_row(row["model"], f"{row['horizon_s']:g} s", *values(row))
+    console.print(table)
+
+
 def accuracy(figures: dict[str, Any]) -> str:
     """Accuracy and its interval [%]."""
     low, high = (100.0 * x for x in figures["fall_accuracy_interval"])
-    return f"{100.0 * figures['fall_accuracy']:.2f} ({low:.2f} to {high:.2f})"
+    return f"{100.0 * figures['fall_accuracy']:.2f} ({low:.2f}–{high:.2f})"
 
 
 def percent(share: float, digits: int = 2) -> str:
