@@ -57,9 +57,14 @@ class Stance:
     @staticmethod
     def unpack(vector: Array) -> Stance:
         """The inverse of :meth:`pack`."""
-        load, anchor, offset, touching, late, steps = np.split(vector, [8, 14, 17, 19, 21])
-        load, anchor, steps = load.reshape(2, 4), anchor.reshape(2, 3), steps.reshape(2, 2)
-        return Stance(load, anchor, offset, touching, late, steps)
+        return Stance(
+            load=vector[:8].reshape(2, 4),
+            anchor=vector[8:14].reshape(2, 3),
+            offset=vector[14:17],
+            touching=vector[17:19],
+            late=vector[19:21],
+            steps=vector[21:25].reshape(2, 2),
+        )
 
     def moved(self, reference: TaskMotion) -> TaskMotion:
         """A reference moved by the offset, so that it stands on the robot's own feet."""

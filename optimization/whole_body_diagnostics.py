@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -58,9 +59,10 @@ class Diagnostics(NamedTuple):
 def unpack(vector: Array) -> Diagnostics:
     """The inverse of :meth:`Diagnostics.pack`; leading axes are kept."""
     joints = (vector.shape[-1] - 13) // 2
-    ends = np.cumsum([1, 1, 1, 2, joints, joints, 2, 2, 2])
-    scalars, arrays = vector[..., :3], np.split(vector, ends, axis=-1)[3:]
-    return Diagnostics(*np.moveaxis(scalars, -1, 0), *arrays)
+    sizes = (2, joints, joints, 2, 2, 2, 2)
+    ends = list(accumulate(sizes, initial=3))
+    arrays = (vector[..., a:b] for a, b in pairwise(ends))
+    return Diagnostics(vector[..., 0], vector[..., 1], vector[..., 2], *arrays)
 
 
 def names(joint_names: tuple[str, ...]) -> tuple[str, ...]:
