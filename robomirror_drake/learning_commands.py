@@ -64,8 +64,14 @@ def train(
         data=data, out=folder, epochs=epochs, seed=seed, device=device, threads=threads,
     )  # fmt: skip
     check_place(options.out)
-    for part in _parts(options, shares):
-        _train(part)
+    from torch import distributed
+
+    try:
+        for part in _parts(options, shares):
+            _train(part)
+    finally:
+        if distributed.is_initialized():
+            distributed.destroy_process_group()
 
 
 def _parts(options: TrainOptions, shares: str) -> list[TrainOptions]:

@@ -11,6 +11,8 @@ import pytest
 import yaml
 
 from robomirror_drake import cli
+from robomirror_drake.dataset.printing import plain
+from robomirror_drake.evaluation_page import render_card, render_evaluation
 from robomirror_drake.learning.evaluate import EvaluateOptions, evaluate
 from robomirror_drake.learning.judge import UNITS
 
@@ -175,6 +177,11 @@ def test_no_figure_is_lost_where_a_family_has_no_fall(tmp_path, weights, write_e
 
     data = write_executions(tmp_path, calm, validation=2, test=4, held_out=2)
     options = EvaluateOptions(data=data, draws=20, baselines=False)
-    held = evaluate([weights / "full"], options)[0]["rows"][0]["held_out"]
+    figures, judged = evaluate([weights / "full"], options)
+    held = figures["rows"][0]["held_out"]
+    assert "lunges" in render_evaluation(figures, judged)
+    assert "PPN" in render_card(figures)
+    told = json.loads(json.dumps(plain(figures), allow_nan=False))
+    assert told["rows"][0]["held_out"]["fall_accuracy"] is None
     assert math.isnan(held["fall_accuracy"])
     assert 0.0 <= held["false_positive_rate"] <= 1.0
