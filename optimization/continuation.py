@@ -28,7 +28,8 @@ from robomirror_drake.optimization.retarget import robot_tables
 from robomirror_drake.robot import Robot
 
 _GLOBAL = AdaptOptions(variables=("tempo", "amplitude", "stride"))
-_STANDING = 0.1  # for which both feet have stood when a motion stops at the earliest [s]
+_SAME = 1e-6  # as which tempos count that differ by less
+_STANDING = 0.1  # for which both feet have stood when a motion stops, or else half of it [s]
 
 
 class Course(NamedTuple):
@@ -64,7 +65,8 @@ def begun(commanded: RobotReference, plan: RobotReference) -> Course:
         plan: Its ``lead`` says when ``commanded`` begins in it, its residual ``time_scale`` at
             which tempo; in added time the robot is meant to be as at the nearer end.
     """
-    raw = slowed(commanded, plan.residuals.get("time_scale", 1.0) if plan.planned else 1.0)
+    tempo = plan.residuals.get("time_scale", 1.0) if plan.planned else 1.0
+    raw = commanded if abs(tempo - 1.0) < _SAME else slowed(commanded, tempo)
     step = plan.duration / (len(plan.time) - 1)
     own = np.arange(len(plan.time)) - round(plan.lead / step)
     row = np.clip(own, 0, len(raw.time) - 1)
@@ -149,7 +151,8 @@ def stopped(
     flight = np.flatnonzero(~stands.any(axis=1))
     halts = []
     for start, end in runs(np.asarray(stands.all(axis=1))):
-        first, last = max(start + margin if start else 0, least), end - 1
+        ready = start + min(margin, (end - start) // 2) if start else 0
+        first, last = max(ready, least), end - 1
         if first <= last:
             halts.append(first if end == frames else max(first, (start + end) // 2))
     made = []
