@@ -15,6 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from robomirror_drake.messages import Array, BoolArray, RobotReference
+from robomirror_drake.optimization import rotations
 from robomirror_drake.optimization.adapt import robot_legs
 from robomirror_drake.optimization.adapt_options import AdaptOptions
 from robomirror_drake.optimization.adapt_problem import make_problem
@@ -28,6 +29,7 @@ from robomirror_drake.optimization.retarget import robot_tables
 from robomirror_drake.robot import Robot
 
 _GLOBAL = AdaptOptions(variables=("tempo", "amplitude", "stride"))
+_FADING = 0.1  # time in which a deviation's speed fades away [s]
 _SAME = 1e-6  # as which tempos count that differ by less
 _STANDING = 0.1  # for which both feet have stood when a motion stops, or else half of it [s]
 
@@ -191,7 +193,9 @@ def _halted(rest: RobotReference, halt: float, brake: float, settling: float) ->
 def foreseen(
     time: Array, q: Array, v: Array, plan: RobotReference, at: Array
 ) -> tuple[Array, Array]:
-    """Where a robot will be that stays as far from its plan as it is now.
+    """Where a robot will be that stays beside its plan, as far as it is now.
+
+    It comes to that at the speed at which it leaves its plan now, which fades away.
 
     Args:
         time: (S,) times of states that are known, the last one now [s].
@@ -207,14 +211,19 @@ def foreseen(
     ahead = ahead[: np.searchsorted(ahead, at[-1]) + 1]
     rows = plan.rows_at(ahead)
     q_now, v_now = _between(plan.time, plan.q, plan.v, np.array([min(now, plan.duration)]))
-    turn = product(q[-1:, :4], q_now[:, :4] * [1.0, -1.0, -1.0, -1.0])
+    fading = np.exp(-(ahead - now) / _FADING)[:, None]
+    away = v[-1] - v_now[0]
+    gone = _FADING * (1.0 - fading) * away
+    turn = product(q[-1:, :4], q_now[:, :4] * [1.0, -1.0, -1.0, -1.0]).repeat(len(rows), axis=0)
+    turn = product(rotations.quaternion(rotations.exp(gone[:, :3])), turn)
     led = plan.q[rows] + np.concatenate([np.zeros(4), q[-1, 4:] - q_now[0, 4:]])
-    led[:, :4] = product(turn.repeat(len(rows), axis=0), plan.q[rows, :4])
+    led[:, 4:] += gone[:, 3:]
+    led[:, :4] = product(turn, plan.q[rows, :4])
     every = np.concatenate([time, ahead])
     return _between(
         every,
         np.concatenate([q, led]),
-        np.concatenate([v, plan.v[rows] + (v[-1] - v_now[0])]),
+        np.concatenate([v, plan.v[rows] + fading * away]),
         np.minimum(at, every[-1]),
     )
 

@@ -132,6 +132,8 @@ def decide(
     falls = foresight.fall_probability
     order, reasons = _order(robot, course, frame, candidates, foresight, options)
     better = logit(falls) <= logit(falls[0]) - options.margin
+    if falls[0] >= options.hopeless and not better.any():
+        better[candidates.going :] = True
     best: tuple[float, int, Course] | None = None
     for i in [i for i in order if better[i]][: options.attempts]:
         try:

@@ -59,6 +59,13 @@ class AdapterOptions(_Options):
         ),
         description="what is tried; to stop is always tried too",
     )
+    hopeless: float = Field(
+        0.5,
+        ge=0.0,
+        le=1.0,
+        description="P(fall) of the motion as it is from which on the robot comes to a halt if"
+        " nothing is better",
+    )
     soonest: float = Field(0.25, gt=0.0, description="least time to go on before a halt [s]")
     braking: float = Field(0.8, gt=0.0, description="how long coming to a halt takes at most [s]")
     settling: float = Field(0.6, ge=0.2, description="time to come to rest at a halt [s]")
