@@ -17,6 +17,7 @@ from robomirror_drake.config import Scenario
 from robomirror_drake.fall_cause import judge
 from robomirror_drake.goals import measure
 from robomirror_drake.messages import Execution, Foresight, HumanMotion, RobotReference
+from robomirror_drake.motion_measures import compare, told
 from robomirror_drake.optimization.continuation import begun
 from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.ppn.features import RECORDED
@@ -70,10 +71,23 @@ def record_of(
         risk_before=made.risk_before,
         risk=made.risk,
         allowed=1.0 - options.ranking.t_safe,
-        reason=made.reason,
+        reason=_sentence(robot, made, references[0], 1.0 - options.ranking.t_safe),
         candidates=tuple(candidates),
         tasks=_tasks(robot, made, references[0]),
         explanation=None if made.changed is None else made.changed.explanation,
+    )
+
+
+def _sentence(robot: Robot, made: Adaptation, own: RobotReference, allowed: float) -> str:
+    """What was changed and why; of a candidate that was chosen, how it differs."""
+    if made.changed is not None or made.candidate == 0:
+        return made.reason[:1].upper() + made.reason[1:]
+    apart = told(compare(robot, own, made.reference))
+    taken = f"candidate {made.candidate}" + (f" ({apart})" if apart else "")
+    begin = "C" + taken[1:] if made.how == "selected" else f"Nothing safe was found; {taken}"
+    return (
+        f"{begin} is done instead of the command's own motion: the predicted risk of a fall"
+        f" goes from {made.risk_before:.0%} to {made.risk:.0%}, allowed is {allowed:.0%}."
     )
 
 

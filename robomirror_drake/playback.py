@@ -26,6 +26,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 
+from robomirror_drake.playback_overlay import render_overlay
 from robomirror_drake.results import Result
 from robomirror_drake.robot import Robot
 from robomirror_drake.scene import FRAMES_PER_SECOND, Body, Scene, build_scene
@@ -59,7 +60,8 @@ def render_playback(result: Result, robot: Robot) -> str:
         viewer.SetProperty("/Background", property, color)
     viewer.SetProperty("/Axes", "visible", False)
     viewer.SetCameraPose(scene.camera, scene.target)
-    return str(viewer.StaticHtml())
+    page, over = str(viewer.StaticHtml()), render_overlay(result)
+    return page.replace("</body>", f"{over}</body>") if over else page
 
 
 def play(result: Result, robot: Robot) -> meshcat.Visualizer:

@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from robomirror_drake import figures
+from robomirror_drake.adaptation_report import adaptation_values
 from robomirror_drake.messages import Execution, Outcome
 from robomirror_drake.outcome import HEIGHT_DROP, LEAN, TOUCH_FORCE, lean_angle, until_fall
 from robomirror_drake.page import plot, render
@@ -63,8 +64,8 @@ def render_report(result: Result, robot: Robot) -> str:
     return render(
         "report.html",
         result=result,
-        sentence=outcome_sentence(outcome, execution),
-        cause=cause_sentence(outcome),
+        verdicts=_verdicts(result),
+        adaptation=adaptation_values(result, robot),
         metrics=_metrics(result, robot),
         path=plot(figures.root_path(execution, outcome), "path"),
         root=plot(figures.root_errors(execution, outcome), "root"),
@@ -72,6 +73,30 @@ def render_report(result: Result, robot: Robot) -> str:
         limbs=limbs,
         style_names=sorted({name for c in result.candidates for name in c.style}),
     )
+
+
+class Verdict(NamedTuple):
+    """How an execution went; ``which`` is empty where there is only one."""
+
+    which: str
+    fell: bool
+    sentence: str
+    cause: str
+
+
+def _verdicts(result: Result) -> list[Verdict]:
+    """What would have happened, if that was tried, and what happened."""
+    ends = [("", result.outcome, result.execution)]
+    if result.adaptation is not None and result.adaptation.original is not None:
+        original = result.adaptation.original
+        ends = [
+            ("As commanded", original.outcome, original.execution),
+            ("As adapted", result.outcome, result.execution),
+        ]
+    return [
+        Verdict(which, end.fell, outcome_sentence(end, done), cause_sentence(end))
+        for which, end, done in ends
+    ]
 
 
 def outcome_sentence(outcome: Outcome, execution: Execution) -> str:

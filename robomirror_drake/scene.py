@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 import trimesh
 
-from robomirror_drake.messages import Array, HumanMotion
+from robomirror_drake.messages import Array, Execution, Foresight, HumanMotion, Outcome
 from robomirror_drake.motion.skeleton import INDEX, PARENTS
 from robomirror_drake.results import Result
 from robomirror_drake.robot import Robot, rotation_matrix
@@ -23,7 +24,18 @@ HEAD_RADIUS = 0.09
 
 HUMAN_OFFSET = np.array([0.0, -2.2, 0.0])
 REFERENCE_OFFSET = np.array([0.0, -1.1, 0.0])
+NOWHERE = np.zeros(3)
 """Where the human and the reference are drawn, so that all three stand side by side [m]."""
+
+ORIGINAL_COLOR = (0.86, 0.16, 0.18, 0.45)
+"""Of the robot that does what was commanded, where it does something else instead."""
+
+FALL_COLOR = (0.82, 0.14, 0.18, 0.8)
+GAUGE_COLOR = (0.55, 0.60, 0.66, 1.0)
+ALLOWED_COLOR = (0.82, 0.14, 0.18, 1.0)
+RISK_COLOR = (0.12, 0.44, 0.92, 1.0)
+BELOW = -50.0
+"""Height of what is not to be seen yet [m]."""
 
 HUMAN_COLOR = (0.24, 0.47, 0.85, 1.0)
 REFERENCE_COLOR = (0.66, 0.70, 0.74, 1.0)
@@ -79,22 +91,95 @@ class Scene:
 
 
 def build_scene(result: Result, robot: Robot) -> Scene:
-    """From left to right: the human motion, the robot's reference, the robot executing it."""
-    execution = result.execution
-    time = np.arange(0.0, execution.time[-1], 1.0 / FRAMES_PER_SECOND)
-    samples = np.searchsorted(execution.time, time - 1e-9)
-    told = execution.q_ref[samples]
-    told[:, 4:7] += REFERENCE_OFFSET
-    bodies = (
+    """From left to right: the human motion, the robot's reference, the robot executing it.
+
+    Where the motion was adapted and the original was executed too, that robot stands in place
+    of the reference, red and translucent. Where risks were foreseen, a ball on a pole of one
+    metre beside each robot shows P(fall), a ring what is allowed; a red disc lies where a robot
+    fell, from then on.
+    """
+    execution, run = result.execution, result.adaptation
+    original = None if run is None else run.original
+    last = execution.time[-1]
+    if original is not None:
+        last = max(last, original.execution.time[-1])
+    time = np.arange(0.0, last, 1.0 / FRAMES_PER_SECOND)
+    done = execution.q[_samples(execution, time)]
+    path = done[:, 4:7]
+    middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    bodies = [
         *human_bodies(result.candidates[result.chosen], time),
-        *robot_bodies(robot, execution.q[samples], "robot"),
-        *robot_bodies(robot, told, "reference", REFERENCE_COLOR),
-    )
-    path = execution.q[samples, 4:7]
-    middle = 0.5 * (path.min(axis=0) + path.max(axis=0)) + REFERENCE_OFFSET
-    target = np.array([middle[0], middle[1], 0.8])
+        *robot_bodies(robot, done, "robot"),
+        *fall_mark(result.outcome, execution, time, "robot"),
+    ]
+    if original is None:
+        told = execution.q_ref[_samples(execution, time)]
+        told[:, 4:7] += REFERENCE_OFFSET
+        bodies += robot_bodies(robot, told, "reference", REFERENCE_COLOR)
+    else:
+        other = original.execution.q[_samples(original.execution, time)]
+        other[:, 4:7] += REFERENCE_OFFSET
+        bodies += robot_bodies(robot, other, "original", ORIGINAL_COLOR)
+        bodies += fall_mark(
+            original.outcome, original.execution, time, "original", REFERENCE_OFFSET
+        )
+    if run is not None:
+        allowed = run.record.allowed
+        bodies += gauge(run.foresight, allowed, time, "robot", middle, RISK_COLOR)
+        if original is not None:
+            beside = middle + REFERENCE_OFFSET
+            bodies += gauge(original.foresight, allowed, time, "original", beside, ALLOWED_COLOR)
+    height = 0.8 if run is None else 1.1  # room above for what lies over the page
+    target = np.array([middle[0], middle[1] + REFERENCE_OFFSET[1], height])
     distance = 2.7 + 0.6 * float(np.linalg.norm(np.ptp(path[:, :2], axis=0)))
-    return Scene(bodies, target + distance * np.array([0.93, 0.25, 0.27]), target)
+    return Scene(tuple(bodies), target + distance * np.array([0.93, 0.25, 0.27]), target)
+
+
+def _samples(execution: Execution, time: Array) -> npt.NDArray[np.intp]:
+    """The samples of an execution at some times; its last one is held."""
+    return np.minimum(np.searchsorted(execution.time, time - 1e-9), len(execution.time) - 1)
+
+
+def fall_mark(
+    outcome: Outcome, execution: Execution, time: Array, path: str, offset: Array = NOWHERE
+) -> tuple[Body, ...]:
+    """A disc on the floor where the robot fell, once it has; nothing where it did not."""
+    if outcome.fall_time_s is None:
+        return ()
+    place = execution.q[np.searchsorted(execution.time, outcome.fall_time_s), 4:7] + offset
+    position = np.tile([place[0], place[1], 0.005], (len(time), 1))
+    position[time < outcome.fall_time_s, 2] = BELOW
+    disc = trimesh.creation.cylinder(radius=0.30, height=0.006, sections=48)
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
+    return (Body(f"{path}_fall", (Mesh(_obj(disc), FALL_COLOR, np.eye(4)),), position, upright),)
+
+
+def gauge(
+    foresight: Foresight, allowed: float, time: Array, path: str, place: Array, color: Color
+) -> tuple[Body, ...]:
+    """A pole of one metre to the left of a place, with P(fall) as a ball on it."""
+    foot = np.array([place[0], place[1] + 0.5, 0.0])
+    pole = trimesh.creation.cylinder(radius=0.012, height=1.0)
+    ring = trimesh.creation.torus(major_radius=0.06, minor_radius=0.010)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    still = np.tile(foot, (len(time), 1))
+    moving = still.copy()
+    moving[:, 2] = np.interp(time, foresight.time, foresight.underway)
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
+    scale = (
+        Mesh(_obj(pole), GAUGE_COLOR, _lifted(0.5)),
+        Mesh(_obj(ring), ALLOWED_COLOR, _lifted(allowed)),
+    )
+    return (
+        Body(f"{path}_gauge", scale, still, upright),
+        Body(f"{path}_risk", (Mesh(_obj(ball), color, np.eye(4)),), moving, upright),
+    )
+
+
+def _lifted(height: float) -> Array:
+    pose = np.eye(4)
+    pose[2, 3] = height
+    return pose
 
 
 def robot_bodies(robot: Robot, q: Array, path: str, color: Color | None = None) -> tuple[Body, ...]:
