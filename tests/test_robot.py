@@ -226,3 +226,12 @@ def test_poses_are_rigid(robot) -> None:
     assert RigidTransform(np.block([[R, np.zeros((3, 1))]])).IsNearlyEqualTo(
         RigidTransform(np.block([[pin.Quaternion(*q[:4]).matrix(), np.zeros((3, 1))]])), 1e-12
     )
+
+
+def test_one_state_is_converted_as_many_are(robot: Robot) -> None:
+    rng = np.random.default_rng(5)
+    q, v = rng.standard_normal((4, 30)), rng.standard_normal((4, 29))
+    q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
+    for convert in (robot.v_to_pinocchio, robot.v_to_drake):
+        each = [convert(*state) for state in zip(q, v, strict=True)]
+        np.testing.assert_allclose(each, convert(q, v), rtol=1e-13, atol=1e-15)
