@@ -158,7 +158,8 @@ def _write_executions(
     shard = Store(folder).group(0, len(rows) - 1)
     write_shard(shard, *encode(episodes_table(rows), frames_table(together, 23)))
     about = {
-        "options": {"seed": 0, "per_prompt": 1, "executions": 1},
+        "options": {"seed": 0, "per_prompt": 1, "executions": 1, "longest": 60.0},
+        "scenario": {"simulation": {"hold": 0.0}},
         "prompts": {"count": len(rows)},
         "versions": {},
     }
@@ -192,7 +193,8 @@ def _leaning(number: int, split: str, fell: bool) -> tuple[dict[str, Any], dict[
         "episode": number, "prompt_index": number, "prompt": f"sways {number} times",
         "actions": ["sway"], "group": "expressive", "split": split, "candidate": 0,
         "execution": 0, "kind": "nominal", "seed": number, "frames": len(time), "raw_q": raw.copy(),
-        "raw_duration_s": 1.5, "lead_s": 0.0, "fell": fell, "fall_time_s": fall_time,
+        "raw_duration_s": 1.5, "motion_end_s": 1.5, "lead_s": 0.0, "fell": fell,
+        "fall_time_s": fall_time,
         "family": ("sideways" if number % 2 else "lunges") if split == "held_out" else None,
     }  # fmt: skip
     return row, arrays

@@ -68,6 +68,14 @@ def test_a_fall_ends_windows_and_is_seen_from_one_horizon_before(noisy_execution
     )
 
 
+@pytest.mark.parametrize("fall_time", [None, 1.5])
+def test_what_an_execution_would_not_have_lasted_for_has_no_label(noisy_execution, fall_time):
+    labels = label_windows(track_of(noisy_execution), 1.0, fall_time=fall_time, until=1.75)
+    np.testing.assert_array_equal(labels.start, np.arange(46))
+    long = label_windows(track_of(noisy_execution), 1.0, fall_time=fall_time, until=99.0)
+    np.testing.assert_array_equal(labels.errors, long.errors[:46])
+
+
 def test_pushes_make_windows_unforeseeable(noisy_execution):
     labels = label_windows(track_of(noisy_execution), 0.5, pushes=[1.0])
     np.testing.assert_array_equal(labels.foreseeable, (labels.start >= 60) | (labels.end < 60))

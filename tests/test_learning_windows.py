@@ -51,7 +51,7 @@ def test_labels_are_those_of_the_episodes(folder, windows):
     for number, episode in enumerate(read_episodes_of(folder)):
         own = windows.episode == number
         fall_time = episode.about["fall_time_s"] if episode.about["fell"] else None
-        labels = label_windows(episode.track, OPTIONS.horizon, fall_time)
+        labels = label_windows(episode.track, OPTIONS.horizon, fall_time, until=1.5)
         at = np.round(start_times(windows)[own] * 60).astype(int)
         np.testing.assert_array_equal(at, np.arange(0, len(labels.start), 6))
         np.testing.assert_array_equal(windows.fall[own], labels.fall[at])

@@ -7,6 +7,7 @@ that neither reaches its horizon nor a fall has no label, and there is none afte
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -62,6 +63,7 @@ def label_windows(
     horizon: float,
     fall_time: float | None = None,
     pushes: Sequence[float] = (),
+    until: float = math.inf,
 ) -> Labels:
     """Labels of all windows of an episode that have one.
 
@@ -70,12 +72,16 @@ def label_windows(
         horizon: How far ahead is looked [s].
         fall_time: When the robot fell [s], None if it did not.
         pushes: When pushes began [s].
+        until: When the execution would have ended without a fall [s]. Windows that reach
+            beyond it have no label, be there a fall or not: else that there is one would tell.
     """
     time = np.asarray(track.time, dtype=np.float64)
     step = (time[-1] - time[0]) / (len(time) - 1)
     ahead = max(1, round(horizon / step))
     fallen = None if fall_time is None else int(np.argmin(np.abs(time - fall_time)))
     count = len(time) - ahead if fallen is None else fallen
+    if not math.isinf(until):
+        count = min(count, round((until - time[0]) / step) + 1 - ahead)
     start = np.arange(max(count, 0))
     end = start + ahead
     if fallen is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -175,7 +176,7 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
     Raises:
         ResultError: It was made before episodes held their kinematic reference.
     """
-    wanted = ["episode", "time", "q", "v", "q_raw", "v_raw"]
+    wanted, run = ["episode", "time", "q", "v", "q_raw", "v_raw"], _run_of(folder)
     for shard, table in read_shards(folder):
         if "raw_q" not in table.column_names:
             raise ResultError(f"{shard.episodes} has no column raw_q; make the data set anew")
@@ -194,7 +195,16 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
                 columns["time"][where], q, columns["v"][where],
                 columns["q_raw"][where], columns["v_raw"][where],
             )  # fmt: skip
-            yield Episode(about, track, raw_q, raw_contact)
+            yield Episode(about | run, track, raw_q, raw_contact)
+
+
+def _run_of(folder: Path) -> dict[str, float]:
+    """How long the last pose of executions is held, and where they are cut off [s]."""
+    told = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
+    return {
+        "hold_s": told["scenario"]["simulation"]["hold"],
+        "longest_s": told["options"]["longest"],
+    }
 
 
 def _windows(
@@ -204,7 +214,8 @@ def _windows(
     about, track = episode.about, episode.track
     pushes = [about["push_time_s"]] if about["push_time_s"] is not None else []
     fall = about["fall_time_s"] if about["fell"] else None
-    labels = label_windows(track, options.horizon, fall, pushes)
+    end = min(about["motion_end_s"] + about["hold_s"], about["longest_s"])
+    labels = label_windows(track, options.horizon, fall, pushes, end)
     keep = labels.foreseeable & (labels.start % (step * every) == 0)
     labels = Labels(*(part[keep] for part in labels))
     q, v = (torch.from_numpy(np.ascontiguousarray(x[::step], np.float64)) for x in track[1:3])
