@@ -30,6 +30,7 @@ from robomirror_drake.exceptions import (
 )
 from robomirror_drake.generator_commands import app as generator_app
 from robomirror_drake.learning_commands import evaluate, train
+from robomirror_drake.study_commands import study
 from robomirror_drake.terminal import (
     JsonOption,
     check_file,
@@ -59,6 +60,7 @@ app.add_typer(generator_app, name="generator")
 app.add_typer(dataset_app, name="dataset")
 app.command()(train)
 app.command()(evaluate)
+app.command()(study)
 
 Method = Literal["none", "selection", "optimisation", "selection_optimisation"]
 

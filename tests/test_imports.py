@@ -39,6 +39,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("adaptation_figures",),
     ("dataset",),
     ("learning",),
+    ("study",),
     ("bench_peer", "bench_tsid"),
     (
         "commands",
@@ -54,8 +55,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("adaptation_report", "playback_overlay"),
     ("report", "playback", "terminal", "survey_report", "measure_page", "evaluation_page"),
+    ("study_page",),
     ("generator_commands",),
-    ("dataset_commands", "learning_commands"),
+    ("dataset_commands", "learning_commands", "study_commands"),
     ("cli",),
     ("__main__",),
 )

@@ -148,14 +148,22 @@ def episodes_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     Raises:
         ValueError: A row has a key that is no column.
     """
-    names = [column.name for column in EPISODE_COLUMNS]
+    return rows_table(rows, EPISODE_COLUMNS)
+
+
+def rows_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> pa.Table:
+    """Rows as a table of these columns; a row is a mapping, in which null columns may be missing.
+
+    Raises:
+        ValueError: A row has a key that is no column.
+    """
+    names = [column.name for column in columns]
     if extra := {key for row in rows for key in row} - set(names):
         raise ValueError(f"no column for {', '.join(sorted(extra))}")
     arrays = [
-        pa.array([row.get(column.name) for row in rows], type=column.type)
-        for column in EPISODE_COLUMNS
+        pa.array([row.get(column.name) for row in rows], type=column.type) for column in columns
     ]
-    return pa.Table.from_arrays(arrays, schema=_schema(EPISODE_COLUMNS))
+    return pa.Table.from_arrays(arrays, schema=_schema(columns))
 
 
 def _schema(columns: Sequence[Column]) -> pa.Schema:

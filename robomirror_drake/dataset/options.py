@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -62,7 +62,15 @@ class DatasetOptions(BaseModel):
     dynamics: DisturbanceOptions = Field(_dynamics(), description="where the robot is another")
 
 
-def stream(options: DatasetOptions, text: str, *which: int) -> np.random.Generator:
+class Seeded(Protocol):
+    """Options with a seed."""
+
+    @property
+    def seed(self) -> int:
+        """Of everything that is drawn."""
+
+
+def stream(options: Seeded, text: str, *which: int) -> np.random.Generator:
     """Random numbers for a command, or for a candidate and an execution of it.
 
     They depend on the seed, the command's text and these numbers, and on nothing else: not
