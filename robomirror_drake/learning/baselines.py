@@ -42,6 +42,7 @@ class Baseline(NamedTuple):
         fall: Its classifier.
         errors: A model of each error's logarithm.
         calibration: Slope and offset of its logit.
+        limits: (2, 5) least and greatest logarithms that it has seen, which it does not leave.
     """
 
     name: str
@@ -49,13 +50,15 @@ class Baseline(NamedTuple):
     fall: Any
     errors: list[Any]
     calibration: tuple[float, float]
+    limits: Array
 
     def predict(self, which: Integers) -> tuple[Array, Array]:
         """Logits (n,) of falls and logarithmic errors (n, 5) of windows."""
         found = self.features(which)
         slope, offset = self.calibration
         logit = slope * np.asarray(self.fall.decision_function(found)) + offset
-        return logit, np.stack([model.predict(found) for model in self.errors], 1)
+        errors = np.stack([model.predict(found) for model in self.errors], 1)
+        return logit, np.clip(errors, *self.limits)
 
 
 def fit_baselines(
@@ -95,6 +98,7 @@ def fit_baselines(
         ),
     ]
     fall, errors = data.fall.numpy(), data.errors.numpy()
+    limits = np.stack([errors[learned].min(0), errors[learned].max(0)])
     made: list[Baseline] = []
     total = len(kinds) * (1 + errors.shape[1])
     for name, features, classifier, regressor in kinds:
@@ -106,7 +110,8 @@ def fit_baselines(
             tracking.append(regressor().fit(found, error))
             report(len(made) * total // 2 + number, total)
         logit = np.asarray(told.decision_function(features(judged)))
-        made.append(Baseline(name, features, told, tracking, platt(logit, fall[judged])))
+        calibration = platt(logit, fall[judged])
+        made.append(Baseline(name, features, told, tracking, calibration, limits))
     return made
 
 
