@@ -176,14 +176,14 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
     Raises:
         ResultError: It was made before episodes held their kinematic reference.
     """
-    wanted, run = ["episode", "time", "q", "v", "q_raw", "v_raw"], _run_of(folder)
+    wanted = ["episode", "time", "q", "v", "q_raw", "v_raw"]
     for shard, table in read_shards(folder):
         if "raw_q" not in table.column_names:
             raise ResultError(f"{shard.episodes} has no column raw_q; make the data set anew")
         rows = table.filter(pc.greater(table["frames"], 1))
         if not len(rows):
             continue
-        frames = read_frames(shard, wanted)
+        frames, run = read_frames(shard, wanted), _run_of(folder)
         number = frames["episode"].to_numpy()
         columns = {name: _array(frames[name]) for name in wanted[1:]}
         for about in rows.to_pylist():
@@ -200,11 +200,15 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
 
 def _run_of(folder: Path) -> dict[str, float]:
     """How long the last pose of executions is held, and where they are cut off [s]."""
-    told = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
-    return {
-        "hold_s": told["scenario"]["simulation"]["hold"],
-        "longest_s": told["options"]["longest"],
-    }
+    path = folder / "dataset.json"
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        return {
+            "hold_s": told["scenario"]["simulation"]["hold"],
+            "longest_s": told["options"]["longest"],
+        }
+    except (OSError, ValueError, KeyError) as error:
+        raise ResultError(f"{path}: does not tell how long executions last: {error!r}") from error
 
 
 def _windows(
