@@ -7,6 +7,7 @@ from importlib import resources
 from typing import Any
 
 from robomirror_drake.config import Scenario, load_scenario
+from robomirror_drake.exceptions import ConfigError
 
 _TOLD = 3  # differences in a sentence
 _UNLIKE = ("simulation.hold", "simulation.after_fall")  # what a prediction does not depend on
@@ -52,8 +53,14 @@ def differences(learned: Mapping[str, Any], scenario: Scenario) -> list[str]:
 def _scenario_like(learned: Mapping[str, Any]) -> str | None:
     """Name of a packaged scenario with the physics that were learned."""
     folder = resources.files("robomirror_drake.assets") / "scenarios"
-    names = sorted(f.name.removesuffix(".yaml") for f in folder.iterdir())
-    return next((n for n in names if not differences(learned, load_scenario(n))), None)
+    for name in sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()):
+        try:
+            scenario = load_scenario(name)
+        except ConfigError:
+            continue  # studies stand in the same folder
+        if not differences(learned, scenario):
+            return name
+    return None
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
