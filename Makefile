@@ -1,6 +1,6 @@
 # Each target installs what it needs into .venv; Python 3.11, git and make are enough.
 PYTHON ?= python3.11
-COMMAND ?= a person walks forward four steps, then waves with the right hand
+COMMAND ?= a person strides forward
 VENV := .venv
 BIN := $(VENV)/bin
 
@@ -15,7 +15,7 @@ TSID := .venv-tsid
 .DEFAULT_GOAL := help
 
 help:
-	@echo "make demo            run one command end to end and say where its report is"
+	@echo "make demo            a command that the robot would fall with, and what it does instead"
 	@echo "                     (COMMAND='a person bows deeply' for another one)"
 	@echo "make test            run the tests"
 	@echo "make test-packaging  build sdist and wheel and try them in a fresh environment"

@@ -16,6 +16,9 @@ from robomirror_drake.results import Result
 from robomirror_drake.robot import Robot
 from robomirror_drake.robot_strips import strip
 
+SHOWN = 10
+"""Rows of a table of changes or limits, at most."""
+
 HOW = {
     "kept": "The command's own motion was kept",
     "selected": "Another candidate was taken",
@@ -52,8 +55,10 @@ def adaptation_values(result: Result, robot: Robot) -> dict[str, Any] | None:
         "dimensions": DIMENSIONS,
         "candidates": sorted(record.candidates, key=lambda c: c.place),
         "tasks": [_task(task) for task in record.tasks],
-        "changes": [_change(c) for c in record.explanation.changes] if record.explanation else [],
-        "active": record.explanation.active if record.explanation else (),
+        "changes": [_change(c) for c in record.explanation.changes[:SHOWN]]
+        if record.explanation
+        else [],
+        "active": record.explanation.active[:SHOWN] if record.explanation else (),
     }
     if record.changed:
         values["paths"] = plot(paths, "paths")

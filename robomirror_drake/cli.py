@@ -13,6 +13,7 @@ import os
 import sys
 import traceback
 from dataclasses import asdict
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -64,7 +65,8 @@ app.command()(study)
 
 Method = Literal["none", "selection", "optimisation", "selection_optimisation"]
 
-RUN_SCENARIO = "default"
+ADAPTING = "worn"
+"""Scenario in which commands are adapted."""
 
 ScenarioOption = Annotated[
     str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
@@ -113,7 +115,10 @@ def run(
     compare: Annotated[
         bool, typer.Option(help="Where the motion was changed, execute the original as well.")
     ] = True,
-    scenario: ScenarioOption = RUN_SCENARIO,
+    scenario: Annotated[
+        str | None,
+        typer.Option(help="Scenario YAML, or the name of one; by default worn, which adapts."),
+    ] = None,
     graphviz: Annotated[
         Path | None, typer.Option(help="Write the diagram's picture (.dot) here and stop.")
     ] = None,
@@ -128,7 +133,8 @@ def run(
     """
     from robomirror_drake.results import check_place
 
-    settings = _scenario(scenario, command=command, seed=seed, candidates=candidates)
+    name = scenario or _run_scenario(weights)
+    settings = _scenario(name, command=command, seed=seed, candidates=candidates)
     settings = _adapting(settings, method, weights)
     if graphviz is not None:
         check_file(graphviz)
@@ -326,6 +332,16 @@ def _scenario(name: str, **changes: Any) -> Scenario:
     from robomirror_drake.yaml_file import changed
 
     return changed(load_scenario(name), **changes)
+
+
+def _run_scenario(given: str | None) -> str:
+    """The scenario of ``run``: the one that adapts, if there are weights for it."""
+    from robomirror_drake.config import load_scenario
+
+    folder = resources.files("robomirror_drake.assets") / "ppn"
+    weights = load_scenario(ADAPTING).adaptation.predictor
+    there = given or (folder / f"{weights}.safetensors").is_file()
+    return ADAPTING if there else "default"
 
 
 def _adapting(scenario: Scenario, method: str | None, weights: str | None) -> Scenario:

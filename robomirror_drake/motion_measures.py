@@ -12,7 +12,7 @@ from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.robot import Robot
 
-_WORTH = 0.05  # of the larger figure: less is no change to speak of
+_WORTH = 0.1  # of the larger figure: less is no change to speak of
 _TOLD = 3  # changes in a sentence
 
 
@@ -45,7 +45,7 @@ class Measure:
         return large >= self.least and abs(self.after - self.before) > _WORTH * large
 
     def __str__(self) -> str:
-        return f"{self.name} {self.before:.2f} → {self.after:.2f} {self.unit}".rstrip()
+        return f"{self.name} {self.before:.3g} → {self.after:.3g} {self.unit}".rstrip()
 
 
 def compare(robot: Robot, before: RobotReference, after: RobotReference) -> list[Measure]:

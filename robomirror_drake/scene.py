@@ -30,7 +30,7 @@ NOWHERE = np.zeros(3)
 ORIGINAL_COLOR = (0.86, 0.16, 0.18, 0.45)
 """Of the robot that does what was commanded, where it does something else instead."""
 
-FALL_COLOR = (0.82, 0.14, 0.18, 0.8)
+FALL_COLOR = (0.82, 0.14, 0.18, 1.0)
 GAUGE_COLOR = (0.55, 0.60, 0.66, 1.0)
 ALLOWED_COLOR = (0.82, 0.14, 0.18, 1.0)
 RISK_COLOR = (0.12, 0.44, 0.92, 1.0)
@@ -95,7 +95,7 @@ def build_scene(result: Result, robot: Robot) -> Scene:
 
     Where the motion was adapted and the original was executed too, that robot stands in place
     of the reference, red and translucent. Where risks were foreseen, a ball on a pole of one
-    metre beside each robot shows P(fall), a ring what is allowed; a red disc lies where a robot
+    metre beside each robot shows P(fall), a ring what is allowed; a red ring lies where a robot
     fell, from then on.
     """
     execution, run = result.execution, result.adaptation
@@ -143,15 +143,15 @@ def _samples(execution: Execution, time: Array) -> npt.NDArray[np.intp]:
 def fall_mark(
     outcome: Outcome, execution: Execution, time: Array, path: str, offset: Array = NOWHERE
 ) -> tuple[Body, ...]:
-    """A disc on the floor where the robot fell, once it has; nothing where it did not."""
+    """A ring on the floor where the robot fell, once it has; nothing where it did not."""
     if outcome.fall_time_s is None:
         return ()
     place = execution.q[np.searchsorted(execution.time, outcome.fall_time_s), 4:7] + offset
-    position = np.tile([place[0], place[1], 0.005], (len(time), 1))
+    position = np.tile([place[0], place[1], 0.02], (len(time), 1))
     position[time < outcome.fall_time_s, 2] = BELOW
-    disc = trimesh.creation.cylinder(radius=0.30, height=0.006, sections=48)
+    ring = trimesh.creation.torus(major_radius=0.35, minor_radius=0.02, major_sections=64)
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
-    return (Body(f"{path}_fall", (Mesh(_obj(disc), FALL_COLOR, np.eye(4)),), position, upright),)
+    return (Body(f"{path}_fall", (Mesh(_obj(ring), FALL_COLOR, np.eye(4)),), position, upright),)
 
 
 def gauge(

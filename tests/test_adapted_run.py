@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 import xml.etree.ElementTree as ElementTree
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -219,7 +220,7 @@ def test_a_slower_shorter_walk_is_measured_as_that():
     assert made["top speed of the pelvis"].share == pytest.approx(0.25, abs=0.01)
     assert made["number of steps"].before == made["number of steps"].after == 4.0
     assert not made["number of steps"].different
-    assert told(list(made.values())).startswith("top speed of the pelvis 0.38 → 0.09 m/s")
+    assert told(list(made.values())).startswith("top speed of the pelvis 0.375 → 0.0938 m/s")
 
 
 def test_the_same_motion_has_no_changes():
@@ -411,6 +412,14 @@ def test_a_run_does_the_safe_candidate_and_compares(monkeypatch):
     assert not adapted.original.outcome.fell
     assert adapted.record.not_compared == ""
     assert all(task.met for task in adapted.record.tasks)
+
+
+def test_run_adapts_by_default_where_there_are_weights():
+    assert cli._run_scenario("mine.safetensors") == "worn"
+    there = resources.files("robomirror_drake.assets") / "ppn" / "ppn_1s.safetensors"
+    assert cli._run_scenario(None) == ("worn" if there.is_file() else "default")
+    assert load_scenario("worn").adaptation.method == "selection_optimisation"
+    assert load_scenario("default").adaptation.method == "none"
 
 
 def test_missing_weights_are_named(monkeypatch, capsys):

@@ -113,7 +113,8 @@ def test_an_internal_error_exits_1(monkeypatch, capsys):
 
 def test_graphviz_names_every_stage(monkeypatch, tmp_path):
     path = tmp_path / "diagram.dot"
-    assert robomirror(monkeypatch, "run", "bow", "--graphviz", str(path)) == 0
+    arguments = ("run", "bow", "--scenario", "default", "--graphviz", str(path))
+    assert robomirror(monkeypatch, *arguments) == 0
     text = path.read_text()
     for stage in (
         "motion_generator",
@@ -130,8 +131,8 @@ def test_graphviz_names_every_stage(monkeypatch, tmp_path):
 @pytest.mark.slow
 def test_a_whole_run_leaves_a_whole_result(monkeypatch, tmp_path, capsys):
     folder = tmp_path / "bow"
-    arguments = ("run", "a person bows", "-n", "2", "--seed", "3", "--out", str(folder))
-    assert robomirror(monkeypatch, *arguments) == 0
+    settings = ("-n", "2", "--seed", "3", "--scenario", "default", "--out", str(folder))
+    assert robomirror(monkeypatch, "run", "a person bows", *settings) == 0
     outcome = json.loads((folder / "outcome.json").read_text())
     assert outcome["fell"] is False
     assert outcome["seeds"] == {"generator": 3, "disturbance": 3}
