@@ -24,6 +24,8 @@ _METHODS: Final = {
     "selection": "selection",
     "optimisation": "optimisation",
     "selection_optimisation": "selection, then optimisation",
+    "closed_loop": "the same, then closed loop",
+    "closed_loop_alone": "closed loop alone",
     "oracle": "oracle",
 }
 _COLORS: Final = {
@@ -32,12 +34,14 @@ _COLORS: Final = {
     "selection": "#1f9ede",
     "optimisation": "#e8760c",
     "selection_optimisation": "#2da44e",
+    "closed_loop": "#0f8a7e",
+    "closed_loop_alone": DONE,
     "oracle": "#bf5af2",
 }
 _OF_CAUSES: Final = dict(
     zip(
         CAUSES,
-        (TOLD, "#bf5af2", "#1f9ede", "#e8760c", FAULT, "#8a6d3b", "#1f2328"),
+        (TOLD, "#bf5af2", "#1f9ede", "#e8760c", "#e3b341", "#0f8a7e", "#54aeff", FAULT, "#1f2328"),
         strict=True,
     )
 )

@@ -9,11 +9,13 @@ from functools import lru_cache
 
 from robomirror_drake.adaptation import Adaptation, adapt_command
 from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.closed_loop import Adapted, rollout_adaptive
 from robomirror_drake.dataset.options import seed_of, stream
 from robomirror_drake.exceptions import InputError, RetargetingError, UnknownCommandError
 from robomirror_drake.fall_cause import judge
 from robomirror_drake.goals import Goals, make_goals, measure
-from robomirror_drake.messages import RobotReference
+from robomirror_drake.handover_options import AdapterOptions
+from robomirror_drake.messages import Execution, RobotReference
 from robomirror_drake.motion.generate import generate
 from robomirror_drake.motion.text import parse
 from robomirror_drake.optimization.plan import plan_dynamics
@@ -21,6 +23,7 @@ from robomirror_drake.optimization.retarget import retarget_batch
 from robomirror_drake.ppn.predictor import Predictor, load_predictor
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout
+from robomirror_drake.simulation import SimulationOptions
 from robomirror_drake.study.options import physics
 from robomirror_drake.study.records import Job, Row
 
@@ -75,6 +78,7 @@ class Bench:
         self._plans: dict[str, RobotReference] = {}
         self._tried: dict[tuple[str, str], Tried] = {}
         self._taken: dict[tuple[str, int], tuple[Adaptation, float]] = {}
+        self._closed: dict[tuple[str, str, str], tuple[Tried, Adapted]] = {}
         self._goals: tuple[Goals | None] | None = None
 
     @property
@@ -148,6 +152,27 @@ class Bench:
             self._tried[key] = replace(tried, cpu_s=spent)
         return self._tried[key]
 
+    def run_closed(
+        self, reference: RobotReference, level: str, adapter: AdapterOptions
+    ) -> tuple[Tried, Adapted]:
+        """Plans a motion and executes it, changing it on the way.
+
+        Raises:
+            PlanningError: There is no dynamic plan of it.
+            SimulationError: The physics diverged before a fall was on record.
+        """
+        key = digest(reference), level, adapter.model_dump_json()
+        if key not in self._closed:
+            job = self.job
+            options = physics(job.options, job.scenario, level)
+            plan = self._plan(reference)
+            done = rollout_adaptive(
+                self.robot, reference, plan, self.predictor, options, adapter, self._luck
+            )
+            tried = self._judged(done.execution, done.plan, options)
+            self._closed[key] = tried, done
+        return self._closed[key]
+
     def known(self, reference: RobotReference, level: str) -> Tried | None:
         """What became of a motion, None where it was not simulated."""
         return self._tried.get((digest(reference), level))
@@ -158,19 +183,27 @@ class Bench:
         self._tried[digest(reference), level] = Tried(**told | {"fell": row["state"] == "fell"})
 
     def _execute(self, reference: RobotReference, level: str) -> Tried:
-        job, key = self.job, digest(reference)
-        if key not in self._plans:
-            self._plans[key] = plan_dynamics(self.robot, reference, job.scenario.planner)
-        plan = self._plans[key]
+        plan, job = self._plan(reference), self.job
         options = physics(job.options, job.scenario, level)
-        seed = seed_of(stream(job.options, job.prompt.text, 0))
-        done = rollout(self.robot, plan, options, seed)
-        outcome = judge(self.robot, done, plan, options)
-        goals = self.goals
+        return self._judged(rollout(self.robot, plan, options, self._luck), plan, options)
+
+    def _plan(self, reference: RobotReference) -> RobotReference:
+        key = digest(reference)
+        if key not in self._plans:
+            self._plans[key] = plan_dynamics(self.robot, reference, self.job.scenario.planner)
+        return self._plans[key]
+
+    def _judged(self, done: Execution, plan: RobotReference, options: SimulationOptions) -> Tried:
+        outcome, goals = judge(self.robot, done, plan, options), self.goals
         if outcome.fell or goals is None:
             return Tried(outcome.fell, outcome.fall_time_s, outcome.cause)
         found = measure(self.robot, goals, done.q)
         return Tried(False, done=found.done, missed="; ".join(map(str, found.missed)) or None)
+
+    @property
+    def _luck(self) -> int:
+        """Seed of all disturbances, the same for all motions of the command."""
+        return seed_of(stream(self.job.options, self.job.prompt.text, 0))
 
     @property
     def goals(self) -> Goals | None:

@@ -11,7 +11,7 @@ from robomirror_drake.dataset.options import stream
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.study.bench import Bench, Tried, digest
 from robomirror_drake.study.deviation import deviation
-from robomirror_drake.study.options import Variant, adaptation_of
+from robomirror_drake.study.options import CLOSED, Variant, adaptation_of, adapter_of
 from robomirror_drake.study.records import Row
 
 
@@ -30,6 +30,8 @@ def outcome(bench: Bench, variant: Variant) -> Row:
     elif variant.method == "none":
         tried = bench.attempt(bench.own, variant.level)
         row |= {"how": "kept", "candidate": 0} | _of_one(bench, bench.own, tried)
+    elif variant.method in CLOSED:
+        row |= _closed(bench, variant)
     else:
         row |= _adapted(bench, variant)
     spent = (row.get(name, 0.0) for name in ("generate_s", "retarget_s", "adapt_s"))
@@ -60,10 +62,15 @@ def simulated(bench: Bench, variant: Variant) -> int:
 
 
 def _adapted(bench: Bench, variant: Variant) -> Row:
+    reference, row = _chosen(bench, variant)
+    return row | _of_one(bench, reference, bench.attempt(reference, variant.level))
+
+
+def _chosen(bench: Bench, variant: Variant) -> tuple[RobotReference, Row]:
+    """What adaptation takes before the motion begins."""
     options = adaptation_of(variant, bench.job.scenario.adaptation)
     taken, spent = bench.adapt(options, variant.pool or 1)
-    tried = bench.attempt(taken.reference, variant.level)
-    return _of_one(bench, taken.reference, tried) | {
+    return taken.reference, {
         "how": taken.how,
         "candidate": bench.pool(variant.pool or 1).numbers[taken.candidate],
         "reason": taken.reason,
@@ -71,6 +78,34 @@ def _adapted(bench: Bench, variant: Variant) -> Row:
         "risk": taken.risk,
         "adapt_s": spent,
     }
+
+
+def _closed(bench: Bench, variant: Variant) -> Row:
+    """What is taken beforehand, changed on the way where danger is foreseen."""
+    reference, row = bench.own, {"how": "kept", "candidate": 0}
+    if variant.method == "closed_loop":
+        reference, row = _chosen(bench, variant)
+    adapter = adapter_of(variant, bench.job.options.adapter)
+    tried, done = bench.run_closed(reference, variant.level, adapter)
+    followed = [one for one in done.handovers if one.done]
+    stopped = any(one.stopped for one in followed)
+    row |= _of_one(bench, done.commanded if followed else reference, tried)
+    row |= {
+        "changed": bool(followed) or row["changed"],
+        "handovers": len(followed),
+        "stopped": stopped,
+        "look_s": float(np.median(done.seconds)) if len(done.seconds) else None,
+    }
+    if stopped:  # it did not do what it was told
+        row |= {"saved": 0.0, "done": 0.0}
+    if followed:
+        row |= {"how": "stopped" if stopped else "changed", "reason": followed[-1].reason}
+        if tried.fall_time_s is not None:
+            row["since_s"] = max(0.0, tried.fall_time_s - followed[-1].start)
+    alone = bench.known(reference, variant.level)
+    if done.handovers and alone is not None and alone.fall_time_s is not None:
+        row["lead_s"] = alone.fall_time_s - done.handovers[0].time
+    return row
 
 
 def _random(bench: Bench, variant: Variant) -> Row:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -13,26 +13,41 @@ from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.config import Scenario, load_scenario
 from robomirror_drake.dataset.prompts import Split
 from robomirror_drake.disturbance import DisturbanceOptions
+from robomirror_drake.handover_options import AdapterOptions
 from robomirror_drake.optimization.adapt_options import AdaptOptions, Variable
 from robomirror_drake.simulation import SimulationOptions
 from robomirror_drake.yaml_file import validate
 
-Method = Literal["none", "random", "selection", "optimisation", "selection_optimisation", "oracle"]
+Method = Literal[
+    "none",
+    "random",
+    "selection",
+    "optimisation",
+    "selection_optimisation",
+    "closed_loop",
+    "closed_loop_alone",
+    "oracle",
+]
 """``random`` is the mean over the pool without the command's own motion; ``oracle`` simulates
-the pool and takes what survives; the others are those of adaptation."""
+the pool and takes what survives; ``closed_loop`` does what ``selection_optimisation`` takes, and
+changes it on the way; ``closed_loop_alone`` does that with the command's own motion; the others
+are those of adaptation."""
 
 QPSolver = Literal["daqp", "osqp", "piqp", "proxqp", "quadprog"]
 TSafe = Annotated[float, Field(gt=0.0, lt=1.0)]
 PoolSize = Annotated[int, Field(ge=1, le=256)]
 
-POOLED: Final = ("random", "selection", "selection_optimisation", "oracle")
+POOLED: Final = ("random", "selection", "selection_optimisation", "closed_loop", "oracle")
 """Methods that depend on the size of the pool."""
 
-FORESEEING: Final = ("selection", "optimisation", "selection_optimisation")
-"""Methods that depend on the threshold."""
-
-OPTIMISING: Final = ("optimisation", "selection_optimisation")
+OPTIMISING: Final = ("optimisation", "selection_optimisation", "closed_loop")
 """Methods that depend on the optimiser."""
+
+CLOSED: Final = ("closed_loop", "closed_loop_alone")
+"""Methods that change the motion while it runs."""
+
+FORESEEING: Final = ("selection", *OPTIMISING, "closed_loop_alone")
+"""Methods that depend on the threshold."""
 
 
 class _Options(BaseModel):
@@ -57,9 +72,9 @@ class Grid(_Options):
     """Every method with every value of what it depends on."""
 
     methods: tuple[Method, ...] = Field(
-        ("none", "random", "selection", "optimisation", "selection_optimisation", "oracle"),
+        get_args(Method),
         min_length=1,
-        description="none, random, selection, optimisation, selection_optimisation, oracle",
+        description=", ".join(get_args(Method)),
     )
     t_safe: tuple[TSafe, ...] = Field((0.9,), min_length=1, description="thresholds T_safe")
     pool: tuple[PoolSize, ...] = Field((8,), min_length=1, description="candidates, at most")
@@ -100,6 +115,9 @@ class StudyOptions(_Options):
     )
     draws: int = Field(
         2, ge=1, description="candidates that `random` is the mean of, where not all are simulated"
+    )
+    adapter: AdapterOptions = Field(
+        AdapterOptions(), description="of closed loops; their T_safe is that of the grid"
     )
     grid: Grid = Grid()
 
@@ -194,9 +212,10 @@ def _variants(grid: Grid, adapter: AdaptOptions) -> Iterator[Variant]:
 
 
 def adaptation_of(variant: Variant, given: AdaptationOptions) -> AdaptationOptions:
-    """The settings of adaptation that a variant means."""
+    """The settings of adaptation before the motion begins that a variant means."""
     told = given.model_dump()
-    told["method"] = variant.method
+    before = {"closed_loop": "selection_optimisation", "closed_loop_alone": "none"}
+    told["method"] = before.get(variant.method, variant.method)
     if variant.t_safe is not None:
         told["ranking"]["t_safe"] = variant.t_safe
     if variant.variables is not None:
@@ -204,3 +223,9 @@ def adaptation_of(variant: Variant, given: AdaptationOptions) -> AdaptationOptio
     if variant.qp_solver is not None:
         told["optimiser"]["qp_solver"] = variant.qp_solver
     return AdaptationOptions.model_validate(told)
+
+
+def adapter_of(variant: Variant, given: AdapterOptions) -> AdapterOptions:
+    """The settings of adaptation while the motion runs that a variant means."""
+    ranking = given.ranking.model_copy(update={"t_safe": variant.t_safe})
+    return given.model_copy(update={"ranking": ranking})

@@ -22,8 +22,10 @@ CAUSES: Final = (
     "survivor_misranked",
     "optimiser_failed",
     "fall_unforeseen",
-    "unknown",
+    "transition_failed",
+    "stopped",
     "failed",
+    "unknown",
 )
 """Why a command was not saved, see :func:`robomirror_drake.study.causes.cause`."""
 
@@ -93,6 +95,11 @@ RESULTS: Final = (
     Column("retarget_s", pa.float64(), "s", "of making references of them"),
     Column("adapt_s", pa.float64(), "s", "of judging, ranking and optimising"),
     Column("time_s", pa.float64(), "s", "of all that is needed to choose"),
+    Column("handovers", pa.int32(), "", "changes on the way; null where there can be none"),
+    Column("stopped", pa.bool_(), "", "whether it came to a halt on the way"),
+    Column("since_s", pa.float64(), "s", "from the last change on the way to the fall"),
+    Column("lead_s", pa.float64(), "s", "from the first alarm to the fall without a change"),
+    Column("look_s", pa.float64(), "s", "median time of a look ahead, by the clock"),
     Column("survivor", pa.bool_(), "", "whether a candidate of the pool survives; null: unknown"),
     Column("simulated", pa.int32(), "", "candidates of the pool that were simulated"),
     Column("cause", pa.string(), "", "why the command was not saved; null where it was"),

@@ -74,6 +74,8 @@ def of_variant(variant: Variant, rows: Sequence[Row]) -> Figures:
             stage: _median(row[f"{stage}_s"] for row in failing)
             for stage in ("generate", "retarget", "adapt")
         },
+        "lead_s": _median(row["lead_s"] for row in failing),
+        "look_s": _median(row["look_s"] for row in failing),
         "causes": causes(failing),
         "how": dict(sorted(Counter(row["how"] for row in failing if row["how"]).items())),
         "groups": {

@@ -93,8 +93,7 @@ def _explain(bench: Bench, variant: Variant, row: Row) -> None:
             row["survivor"] = survivor(bench, variant)
             row["simulated"] = simulated(bench, variant)
         if row["saved"] < 1.0:
-            why = cause(variant.method, row.get("how"), row.get("survivor"))
-            row["cause"] = "failed" if row.get("failure") else why
+            row["cause"] = cause(row)
     except Exception as error:
         row |= {"cause": "unknown", "failure": _words(error)}
 
