@@ -32,6 +32,7 @@ from robomirror_drake.optimization.centroidal import GRAVITY, cross_matrix
 from robomirror_drake.optimization.centroidal_motion import CentroidalMotion, centroidal_motion
 from robomirror_drake.optimization.dynamics_terms import TaskMotion
 from robomirror_drake.optimization.plan_contacts import ConeOptions, wrench_cones
+from robomirror_drake.optimization.reference_trajectory import latest
 from robomirror_drake.robot import Robot
 
 LEAST_SLACK = 0.01
@@ -89,10 +90,17 @@ def preview_gains(
     in_flight = np.asarray(~reference.contact.any(axis=(1, 2)))
     B[in_flight] = 0.0
     gain = riccati(A, B, steps[:, None, None] * Q, steps[:, None, None] * R, P_end)
-    return Preview(reference.time, _before_touchdown(gain, in_flight), motion.force, robot.mass)
+    return Preview(
+        reference.time.copy(), _before_touchdown(gain, in_flight), motion.force, robot.mass
+    )
 
 
-def steered(preview: Preview, time: float, wanted: TaskMotion, actual: TaskMotion) -> TaskMotion:
+NO_PREVIEW = Preview(np.empty(0), np.empty((0, 6, 9)), np.empty((0, 3)), 1.0)
+"""In place of a preview where there is none."""
+
+
+@njit(cache=True)
+def steered(preview, time, wanted, actual):  # type: ignore[no-untyped-def]
     """The wanted motion, with feedback in its accelerations of centre of mass and momentum.
 
     Their positions and velocities become the actual ones, so that no other feedback acts.
@@ -100,17 +108,19 @@ def steered(preview: Preview, time: float, wanted: TaskMotion, actual: TaskMotio
     Args:
         preview: From :func:`preview_gains`.
         time: Since the reference's own zero [s].
-        wanted: The reference, shifted to where the robot's feet are.
+        wanted: The reference, a TaskMotion shifted to where the robot's feet are.
         actual: The robot's own motion.
     """
-    row = int(np.searchsorted(preview.time, time, side="right")) - 1
-    row = min(max(row, 0), len(preview.time) - 1)
-    away = actual.com[:2] - wanted.com[:2]
-    x = np.concatenate([away[0], away[1], actual.angular[0] - wanted.angular[0]])
-    u = -preview.gain[row] @ x
-    com = np.stack([actual.com[0], actual.com[1], wanted.com[2] + u[3:] / preview.mass])
-    rate = wanted.angular[1] + u[:3] + np.cross(preview.force[row], away[0])
-    return wanted._replace(com=com, angular=np.stack([actual.angular[0], rate]))
+    row = latest(preview.time, time)
+    x = np.empty(9)
+    x[:3] = actual.com[0] - wanted.com[0]
+    x[3:6] = actual.com[1] - wanted.com[1]
+    x[6:] = actual.angular[0] - wanted.angular[0]
+    u = -(preview.gain[row] @ x)
+    com, angular = actual.com.copy(), actual.angular.copy()
+    com[2] = wanted.com[2] + u[3:] / preview.mass
+    angular[1] = wanted.angular[1] + u[:3] + np.cross(preview.force[row], x[:3])
+    return TaskMotion(com, angular, wanted.R, wanted.p, wanted.v, wanted.a)
 
 
 def centroidal_model(force: Array, step: Array, mass: float) -> tuple[Array, Array]:

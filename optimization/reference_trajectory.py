@@ -123,8 +123,22 @@ def _contact_times(time: Array, contact: BoolArray) -> tuple[Array, Array]:
     return on, np.where(contact, ends, left)
 
 
-def sample_reference(trajectory: ReferenceTrajectory, time: float, ramp: float) -> ReferenceSample:
-    """The reference at a time; before its start and after its end it stands still.
+@njit(cache=True)
+def latest(time, at):  # type: ignore[no-untyped-def]
+    """Index of the latest of the times (T,) that is not after ``at``; 0 if all are."""
+    low, high = 0, len(time)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if time[middle] <= at:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@njit(cache=True)
+def sample_reference(trajectory, time, ramp):  # type: ignore[no-untyped-def]
+    """The :class:`ReferenceSample` at a time; before its start and after its end it stands still.
 
     Positions follow cubic Hermite polynomials through the samples, velocities too,
     accelerations and forces are linear in between.
@@ -134,41 +148,31 @@ def sample_reference(trajectory: ReferenceTrajectory, time: float, ramp: float) 
         time: Since the reference's own zero [s].
         ramp: Time in which a corner takes up, and gives off, its full load [s].
     """
-    samples = trajectory
-    last = len(samples.time) - 1
-    inside = samples.time[0] <= time < samples.time[last]
-    clamped = min(max(time, samples.time[0]), samples.time[last])
-    right = min(max(int(np.searchsorted(samples.time, clamped, side="right")), 1), last)
-    q, v, a, force = _interpolate(
-        clamped,
-        samples.time[right - 1 : right + 1],
-        samples.q[right - 1 : right + 1],
-        samples.qdot[right - 1 : right + 1],
-        samples.v[right - 1 : right + 1],
-        samples.a[right - 1 : right + 1],
-        samples.force[right - 1 : right + 1],
-    )
-    if not inside:
-        v, a = np.zeros_like(v), np.zeros_like(a)
-    row = right if clamped >= samples.time[right] else right - 1
-    since, left = time - samples.on[row], samples.off[row] - time
-    ramped = np.clip(np.minimum(since, left) / ramp, LEAST_SHARE, 1.0)
-    load = np.where(samples.contact[row], ramped, 0.0)
-    return ReferenceSample(q, v, a, force, load, -since, left)
-
-
-@njit(cache=True)
-def _interpolate(  # type: ignore[no-untyped-def]
-    time, span, q, qdot, v, a, force
-):
-    step = span[1] - span[0]
-    s = (time - span[0]) / step
+    _, q, qdot, v, a, force, on, off, contact, _ = trajectory
+    stamps = trajectory.time
+    last = len(stamps) - 1
+    clamped = min(max(time, stamps[0]), stamps[last])
+    right = min(latest(stamps, clamped) + 1, last)
+    left = right - 1
+    step = stamps[right] - stamps[left]
+    s = (clamped - stamps[left]) / step
     h00 = (1.0 + 2.0 * s) * (1.0 - s) ** 2
     h10 = s * (1.0 - s) ** 2 * step
     h01 = s * s * (3.0 - 2.0 * s)
     h11 = s * s * (s - 1.0) * step
-    position = h00 * q[0] + h10 * qdot[0] + h01 * q[1] + h11 * qdot[1]
+    position = h00 * q[left] + h10 * qdot[left] + h01 * q[right] + h11 * qdot[right]
     position[3:7] /= np.sqrt(np.sum(position[3:7] ** 2))
-    velocity = h00 * v[0] + h10 * a[0] + h01 * v[1] + h11 * a[1]
-    acceleration = (1.0 - s) * a[0] + s * a[1]
-    return position, velocity, acceleration, (1.0 - s) * force[0] + s * force[1]
+    velocity, acceleration = np.zeros_like(v[left]), np.zeros_like(a[left])
+    if stamps[0] <= time < stamps[last]:
+        velocity += h00 * v[left] + h10 * a[left] + h01 * v[right] + h11 * a[right]
+        acceleration += (1.0 - s) * a[left] + s * a[right]
+    row = right if clamped >= stamps[right] else left
+    since, until = time - on[row], off[row] - time
+    load = np.zeros((2, 4))
+    for foot in range(2):
+        for corner in range(4):
+            if contact[row, foot, corner]:
+                ramped = min(since[foot, corner], until[foot, corner]) / ramp
+                load[foot, corner] = min(max(ramped, LEAST_SHARE), 1.0)
+    wrench = (1.0 - s) * force[left] + s * force[right]
+    return ReferenceSample(position, velocity, acceleration, wrench, load, -since, until)

@@ -1,14 +1,16 @@
-"""Where the feet stand, and what follows from that for the reference."""
+"""Where the feet stand, and what follows from that for the reference; all of it compiled."""
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator"
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.dynamics_terms import TaskMotion
-from robomirror_drake.optimization.reference_trajectory import ReferenceSample
 
 SHIFT_TIME = 0.15
 """Time constant with which the reference follows the feet's offset [s]."""
@@ -29,8 +31,7 @@ FARTHEST = 1.0
 """How far along each axis the reference is moved at most [m]."""
 
 
-@dataclass(frozen=True)
-class Stance:
+class Stance(NamedTuple):
     """Memory of the contacts. The floor is at z = 0.
 
     Attributes:
@@ -52,7 +53,8 @@ class Stance:
 
     def pack(self) -> Array:
         """(25,) everything in one vector."""
-        return np.concatenate([np.ravel(getattr(self, part.name)) for part in fields(self)])
+        load, anchor, steps = self.load.ravel(), self.anchor.ravel(), self.steps.ravel()
+        return np.concatenate([load, anchor, self.offset, self.touching, self.late, steps])
 
     @staticmethod
     def unpack(vector: Array) -> Stance:
@@ -66,54 +68,68 @@ class Stance:
             steps=vector[21:25].reshape(2, 2),
         )
 
-    def moved(self, reference: TaskMotion) -> TaskMotion:
-        """A reference moved by the offset, so that it stands on the robot's own feet."""
-        com = reference.com.copy()
-        com[0] += self.offset
-        return reference._replace(com=com, p=reference.p + self.offset)
-
-    def shift(self, reference: TaskMotion, motion: TaskMotion) -> TaskMotion:
-        """A reference, moved already, with its feet where they shall be.
-
-        A foot that is late goes down until it meets the ground, wherever that is.
-
-        Args:
-            reference, motion: Where the reference and the robot are.
-        """
-        p, v, a = reference.p.copy(), reference.v.copy(), reference.a.copy()
-        p[2:, :2] += self.steps
-        for foot in np.flatnonzero(self.late) + 2:
-            p[foot, 2] = motion.p[foot, 2]
-            v[foot, 2] = min(motion.com[1, 2], 0.0) - DESCENT
-            a[foot, 2] = 0.0
-        return reference._replace(p=p, v=v, a=a)
-
 
 def initial_stance() -> Stance:
     """Nothing is known yet; the feet are taken to have stood where they are for long."""
     return Stance.unpack(np.concatenate([np.zeros(17), np.ones(2), np.zeros(6)]))
 
 
-def feel(last: Array, force: Array | None, height: Array, period: float) -> Array:
+@njit(cache=True)
+def moved(reference, offset):
+    """A reference (TaskMotion) moved by an offset (3,), so that it stands on the robot's feet."""
+    com = reference.com.copy()
+    com[0] += offset
+    p = reference.p + offset
+    return TaskMotion(com, reference.angular, reference.R, p, reference.v, reference.a)
+
+
+@njit(cache=True)
+def shifted(reference, motion, late, steps):
+    """A reference, moved already, with its feet where they shall be.
+
+    A foot that is late goes down until it meets the ground, wherever that is.
+
+    Args:
+        reference, motion: TaskMotion of the reference and of the robot.
+        late, steps: As in :class:`Stance`.
+    """
+    p, v, a = reference.p.copy(), reference.v.copy(), reference.a.copy()
+    p[2:, :2] += steps
+    for foot in range(2):
+        if late[foot] != 0.0:
+            p[2 + foot, 2] = motion.p[2 + foot, 2]
+            v[2 + foot, 2] = min(motion.com[1, 2], 0.0) - DESCENT
+            a[2 + foot, 2] = 0.0
+    return TaskMotion(reference.com, reference.angular, reference.R, p, v, a)
+
+
+@njit(cache=True)
+def feel(last, force, height, period):
     """(2,) how long each foot has been on the ground, 0 in the air [s].
 
     A foot is on the ground from when its force says so until both force and height deny it.
 
     Args:
-        last: The same one tick before.
-        force: (2, 3) of the ground on each foot, in world [N]; None to go by the height.
+        last: (2,) the same one tick before.
+        force: (2, 3) of the ground on each foot, in world [N]; NaN to go by the height.
         height: (2, 4) of the corners [m].
         period: Time since the last tick [s].
     """
-    low = height.min(axis=1) < TOUCHING
-    if force is None:
-        touching = low
-    else:
-        touching = (force[:, 2] > np.where(last > 0.0, LOST, FELT)) | (low & (last > 0.0))
-    return np.where(touching, last + period, 0.0)
+    touching = np.zeros(2)
+    for foot in range(2):
+        low = height[foot].min() < TOUCHING
+        was = last[foot] > 0.0
+        if np.isnan(force[foot, 2]):
+            on = low
+        else:
+            on = force[foot, 2] > (LOST if was else FELT) or (low and was)
+        if on:
+            touching[foot] = last[foot] + period
+    return touching
 
 
-def bearing(sample: ReferenceSample, touching: Array, height: Array, ramp: float) -> Array:
+@njit(cache=True)
+def bearing(sample, touching, height, ramp):
     """(2, 4) share of its full force that each corner may bear, where it really is.
 
     A foot in the air bears nothing, whatever is planned, nor does a corner that hangs above
@@ -121,37 +137,39 @@ def bearing(sample: ReferenceSample, touching: Array, height: Array, ramp: float
     last foot on the ground is not relieved of its load while another is late.
 
     Args:
-        sample: The reference.
+        sample: The reference, a ReferenceSample.
         touching: (2,) how long each foot has been on the ground [s].
         height: (2, 4) of the corners [m].
         ramp: Time in which a foot takes up its full load [s].
     """
-    on_ground = touching > 0.0
-    # A foot that is felt stands on its lowest corner, whatever its height seems to be.
-    above = height - height.min(axis=1, keepdims=True)
-    near = np.minimum(np.maximum((HANGING - above) / (HANGING - TOUCHING), 0.0), 1.0)
-    # Not a foot that has yet to leave the ground: in the second half of its swing.
-    soon = (sample.wait > 0.0) & (sample.wait < np.minimum(EARLY, -sample.left))
-    whole = (sample.load == 0.0).all(axis=1, keepdims=True)
-    planned = np.where(whole & soon, 1.0, sample.load)
-    scheduled = planned.any(axis=1)
-    if (scheduled & ~on_ground).any() and not (scheduled & on_ground).any():
-        planned = np.where(on_ground[:, None], 1.0, planned)
-    taken = np.minimum(touching / ramp, 1.0)
-    return np.asarray(planned * near * taken[:, None])
+    planned = sample.load.copy()
+    missed = kept = False
+    for foot in range(2):
+        if not np.any(sample.load[foot] != 0.0):
+            for corner in range(4):
+                # Not a foot that has yet to leave the ground: in the second half of its swing.
+                wait, left = sample.wait[foot, corner], sample.left[foot, corner]
+                if 0.0 < wait < min(EARLY, -left):
+                    planned[foot, corner] = 1.0
+        if np.any(planned[foot] != 0.0):
+            missed = missed or not touching[foot] > 0.0
+            kept = kept or touching[foot] > 0.0
+    for foot in range(2):
+        if missed and not kept and touching[foot] > 0.0:
+            planned[foot] = 1.0
+        taken = min(touching[foot] / ramp, 1.0)
+        lowest = height[foot].min()
+        for corner in range(4):
+            # A foot that is felt stands on its lowest corner, whatever its height seems to be.
+            above = height[foot, corner] - lowest
+            near = min(max((HANGING - above) / (HANGING - TOUCHING), 0.0), 1.0)
+            planned[foot, corner] *= near * taken
+    return planned
 
 
-def update_stance(
-    last: Stance,
-    motion: TaskMotion,
-    reference: TaskMotion,
-    sample: ReferenceSample,
-    corners: Array,
-    period: float,
-    ramp: float,
-    force: Array | None = None,
-) -> Stance:
-    """The stance one tick later.
+@njit(cache=True)
+def update_stance(last, motion, reference, sample, corners, period, ramp, force):
+    """The stance one tick later, but for the steps, which stay.
 
     A sole whose set of loaded corners has changed is anchored where it is, on the floor;
     the offset follows the loaded feet's with a time constant, a foot that takes up its
@@ -159,31 +177,42 @@ def update_stance(
     centre of mass, the offset is that of its own.
 
     Args:
-        last: One tick before.
-        motion, reference: Where the robot and the reference are.
-        sample: The reference now.
+        last: The stance one tick before.
+        motion, reference: TaskMotion of the robot and of the reference.
+        sample: The reference now, a ReferenceSample.
         corners: (2, 4, 3) corners of the soles in their own frames [m].
         period: Time since the last tick [s].
         ramp: Time in which a foot takes up its full load [s].
-        force: (2, 3) of the ground on each foot, in world [N], where it is measured.
+        force: (2, 3) of the ground on each foot, in world [N]; NaN where it is not measured.
     """
-    world = motion.p[2:, None] + corners @ motion.R[2:].transpose(0, 2, 1)
-    touching = feel(last.touching, force, world[..., 2], period)
-    load = bearing(sample, touching, world[..., 2], ramp)
-    anchor = last.anchor.copy()
+    world = np.empty((2, 4, 3))
     for foot in range(2):
-        loaded = load[foot] > 0.0
-        if loaded.any() and (loaded != (last.load[foot] > 0.0)).any():
-            anchor[foot, :2] = world[foot, loaded, :2].mean(axis=0)
-    share = load.mean(axis=1)
-    offset = last.offset.copy()
-    if share.sum() > 0.0:
-        apart = motion.p[2:, :2] - reference.p[2:, :2]
-        follow = min(1.0, period / SHIFT_TIME)
-        offset[:2] += follow * (share @ apart / share.sum() - offset[:2])
+        for corner in range(4):
+            world[foot, corner] = motion.p[2 + foot] + motion.R[2 + foot] @ corners[foot, corner]
+    height = world[:, :, 2].copy()
+    touching = feel(last.touching, force, height, period)
+    load = bearing(sample, touching, height, ramp)
+    anchor, offset, late = last.anchor.copy(), last.offset.copy(), np.zeros(2)
+    apart, total = np.zeros(2), 0.0
+    for foot in range(2):
+        middle, loaded, changed = np.zeros(2), 0, False
+        for corner in range(4):
+            bears = load[foot, corner] > 0.0
+            changed = changed or bears != (last.load[foot, corner] > 0.0)
+            if bears:
+                middle += world[foot, corner, :2]
+                loaded += 1
+        if loaded > 0 and changed:
+            anchor[foot, :2] = middle / loaded
+        share = np.sum(load[foot]) / 4.0
+        total += share
+        apart += share * (motion.p[2 + foot, :2] - reference.p[2 + foot, :2])
+        if np.any(sample.load[foot] > 0.0) and touching[foot] == 0.0:
+            late[foot] = 1.0
+    if total > 0.0:
+        offset[:2] += min(1.0, period / SHIFT_TIME) * (apart / total - offset[:2])
         offset[2] = 0.0
-    elif not (touching > 0.0).any():
+    elif not np.any(touching > 0.0):
         offset = motion.com[0] - reference.com[0]
     offset = np.minimum(np.maximum(offset, -FARTHEST), FARTHEST)
-    late = (sample.load > 0.0).any(axis=1) & (touching == 0.0)
-    return Stance(load, anchor, offset, touching, 1.0 * late, last.steps)
+    return Stance(load, anchor, offset, touching, late, last.steps)

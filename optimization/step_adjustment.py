@@ -13,15 +13,27 @@ Englsberger et al., "Three-dimensional bipedal walking control based on divergen
 motion", IEEE T-RO 2015.
 """
 
+# mypy: disable-error-code="no-untyped-def, untyped-decorator"
+
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numba import njit
 from pydantic import BaseModel, ConfigDict, Field
 
-from robomirror_drake.messages import Array
 from robomirror_drake.optimization.centroidal import GRAVITY
-from robomirror_drake.optimization.dynamics_terms import TaskMotion
-from robomirror_drake.optimization.reference_trajectory import ReferenceSample
+
+
+class StepLimits(NamedTuple):
+    """The fields of :class:`StepOptions`, as compiled code wants them."""
+
+    room: float
+    longest: float
+    least_width: float
+    speed: float
+    last: float
 
 
 class StepOptions(BaseModel):
@@ -39,38 +51,44 @@ class StepOptions(BaseModel):
     speed: float = Field(1.5, gt=0.0, description="at which the target moves at most [m/s]")
     last: float = Field(0.05, ge=0.0, description="before touchdown the target stays [s]")
 
+    def limits(self) -> StepLimits:
+        """The same for compiled code."""
+        return StepLimits(**self.model_dump())
 
-def divergence_rate(height: float) -> float:
+
+@njit(cache=True)
+def divergence_rate(height):
     """ω of a pendulum whose mass is at a height [m], 0.1 m at least [1/s]."""
-    return float(np.sqrt(GRAVITY / max(height, 0.1)))
+    return np.sqrt(GRAVITY / max(height, 0.1))
 
 
-def divergent_component(motion: TaskMotion) -> Array:
-    """(2,) ξ = c + ċ/ω, horizontally [m]."""
+@njit(cache=True)
+def divergent_component(motion):
+    """(2,) ξ = c + ċ/ω, horizontally, of a TaskMotion [m]."""
     omega = divergence_rate(motion.com[0, 2])
-    return np.asarray(motion.com[0, :2] + motion.com[1, :2] / omega)
+    return motion.com[0, :2] + motion.com[1, :2] / omega
 
 
-def captured(error: Array, height: float, remaining: float, options: StepOptions) -> Array:
+@njit(cache=True)
+def captured(error, height, remaining, limits):
     """(2,) shift of a step that leaves to the centre of pressure what that can take care of.
 
     Args:
         error: (2,) of the divergent component [m].
         height: Of the centre of mass [m].
         remaining: Time until touchdown [s].
-        options: What may be done.
+        limits: What may be done.
     """
-    size = float(np.linalg.norm(error))
-    if size <= options.room:
+    size = np.hypot(error[0], error[1])
+    if size <= limits.room:
         return np.zeros(2)
     growth = np.exp(divergence_rate(height) * remaining)
-    shift = min((size - options.room) * growth, options.longest)
-    return np.asarray(error * (shift / size))
+    shift = min((size - limits.room) * growth, limits.longest)
+    return error * (shift / size)
 
 
-def without_crossing(
-    target: Array, planned: Array, support: Array, lateral: Array, side: float, width: float
-) -> Array:
+@njit(cache=True)
+def without_crossing(target, planned, support, lateral, side, width):
     """(2,) the target moved sideways until the feet are far enough apart.
 
     Args:
@@ -80,20 +98,13 @@ def without_crossing(
         side: 1 for a left foot that steps, -1 for a right one.
         width: Least distance sideways; a plan that is narrower is left so [m].
     """
-    least = min(width, side * float(lateral @ (planned - support)))
-    lacking = least - side * float(lateral @ (target - support))
+    least = min(width, side * np.sum(lateral * (planned - support)))
+    lacking = least - side * np.sum(lateral * (target - support))
     return target + max(lacking, 0.0) * side * lateral
 
 
-def adjusted_steps(
-    last: Array,
-    load: Array,
-    motion: TaskMotion,
-    reference: TaskMotion,
-    sample: ReferenceSample,
-    options: StepOptions,
-    period: float,
-) -> Array:
+@njit(cache=True)
+def adjusted_steps(last, load, motion, reference, sample, limits, period):
     """(2, 2) how far each foot's target is moved from the reference, one tick later.
 
     A foot on the ground is where it is; from there its target moves to where it shall step.
@@ -101,30 +112,29 @@ def adjusted_steps(
     Args:
         last: (2, 2) one tick before [m].
         load: (2, 4) share of its full force that each corner bears.
-        motion: The robot's.
+        motion: The robot's, a TaskMotion.
         reference: The reference's, moved along with the feet that stand.
-        sample: The reference now.
-        options: What may be done.
+        sample: The reference now, a ReferenceSample.
+        limits: What may be done, :class:`StepLimits`.
         period: Time since the last tick [s].
     """
-    steps, on = last.copy(), np.asarray(load.any(axis=1))
+    steps = last.copy()
     error = divergent_component(motion) - divergent_component(reference)
     for foot in range(2):
-        if on[foot]:
-            steps[foot] = motion.p[2 + foot, :2] - reference.p[2 + foot, :2]
-            continue
-        remaining = float(sample.wait[foot].min())
-        if not on[1 - foot] or not options.last < remaining < np.inf:
-            continue
         planned, support = reference.p[2 + foot, :2], motion.p[3 - foot, :2]
-        shift = captured(error, float(motion.com[0, 2]), remaining, options)
-        axis = motion.R[3 - foot][:2, 1]
-        lateral = axis / max(float(np.linalg.norm(axis)), 1e-6)
+        if np.any(load[foot] != 0.0):
+            steps[foot] = motion.p[2 + foot, :2] - planned
+            continue
+        remaining = sample.wait[foot].min()
+        if not np.any(load[1 - foot] != 0.0) or not limits.last < remaining < np.inf:
+            continue
+        shift = captured(error, motion.com[0, 2], remaining, limits)
+        axis = motion.R[3 - foot, :2, 1].copy()
+        lateral = axis / max(np.hypot(axis[0], axis[1]), 1e-6)
         side = 1.0 if foot == 0 else -1.0
-        target = without_crossing(
-            planned + shift, planned, support, lateral, side, options.least_width
-        )
+        width = limits.least_width
+        target = without_crossing(planned + shift, planned, support, lateral, side, width)
         change = target - planned - steps[foot]
-        size = float(np.linalg.norm(change))
-        steps[foot] += change * min(1.0, options.speed * period / max(size, 1e-9))
+        size = np.hypot(change[0], change[1])
+        steps[foot] += change * min(1.0, limits.speed * period / max(size, 1e-9))
     return steps

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple
 
+import numpy as np
 import pinocchio as pin
+from numba import njit
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.dynamics_terms import ControlModel, dynamics_terms, task_motion
-from robomirror_drake.optimization.preview import Preview, steered
+from robomirror_drake.optimization.preview import NO_PREVIEW, Preview, steered
 from robomirror_drake.optimization.reference_trajectory import (
     ReferenceTrajectory,
     sample_reference,
 )
-from robomirror_drake.optimization.stance import Stance, update_stance
+from robomirror_drake.optimization.stance import Stance, moved, shifted, update_stance
 from robomirror_drake.optimization.step_adjustment import adjusted_steps
 from robomirror_drake.optimization.whole_body_collision import apart_rows
 from robomirror_drake.optimization.whole_body_qp import (
@@ -27,6 +28,8 @@ from robomirror_drake.optimization.whole_body_qp import (
     solve_qp,
     without_joint_limits,
 )
+
+_UNFELT = np.full((2, 3), np.nan)  # force on each foot where it is not measured
 
 
 class Scratch(NamedTuple):
@@ -100,7 +103,7 @@ def control_problem(
     terms = dynamics_terms(robot, memory.robot, q, v)
     wanted = sample_reference(trajectory, time, tuned.options.contact_ramp)
     motion = task_motion(robot, memory.reference, wanted.q, wanted.v, wanted.a)
-    stance = update_stance(
+    stance, target = _followed(
         last,
         terms.motion,
         motion,
@@ -108,15 +111,13 @@ def control_problem(
         robot.corners,
         period,
         tuned.options.contact_ramp,
-        foot_force,
+        _UNFELT if foot_force is None else foot_force,
+        tuned.steps,
+        NO_PREVIEW if preview is None else preview,
+        time,
     )
-    moved = stance.moved(motion)
-    steps = adjusted_steps(
-        last.steps, stance.load, terms.motion, moved, wanted, tuned.options.step, period
-    )
-    stance = dataclasses.replace(stance, steps=steps)
     targets = Targets(
-        motion=stance.shift(moved, terms.motion),
+        motion=target,
         q=wanted.q[7:],
         v=wanted.v[6:],
         a=wanted.a[6:],
@@ -125,11 +126,22 @@ def control_problem(
         planned=trajectory.planned,
         anchor=stance.anchor,
     )
-    if preview is not None:
-        motion = steered(preview, time, targets.motion, terms.motion)
-        targets = targets._replace(motion=motion)
     apart = apart_rows(robot.collision, memory.robot, terms.rates, tuned.options.collision)
     return Tick(build_qp(robot, terms, targets, tuned, apart), stance, wanted.load > 0.0)
+
+
+@njit(cache=True)
+def _followed(  # type: ignore[no-untyped-def]
+    last, motion, reference, sample, corners, period, ramp, force, limits, preview, time
+):
+    """The stance of this tick and the TaskMotion to ask for, all arguments as in their parts."""
+    new = update_stance(last, motion, reference, sample, corners, period, ramp, force)
+    near = moved(reference, new.offset)
+    steps = adjusted_steps(last.steps, new.load, motion, near, sample, limits, period)
+    wanted = shifted(near, motion, new.late, steps)
+    if len(preview.time) > 0:
+        wanted = steered(preview, time, wanted, motion)
+    return Stance(new.load, new.anchor, new.offset, new.touching, new.late, steps), wanted
 
 
 def solve_with_retry(qp: QP, solver: Solver) -> Solution:

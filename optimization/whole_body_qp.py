@@ -27,7 +27,7 @@ from scipy.sparse import csc_matrix, identity
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.dynamics_terms import ControlModel, DynamicsTerms, TaskMotion
-from robomirror_drake.optimization.step_adjustment import StepOptions
+from robomirror_drake.optimization.step_adjustment import StepLimits, StepOptions
 from robomirror_drake.optimization.whole_body_collision import ApartRows, CollisionOptions
 from robomirror_drake.optimization.whole_body_kernels import (
     contact_generators,
@@ -164,12 +164,14 @@ class Tuning(NamedTuple):
         gains: (7, 3) weight, stiffness, damping of the tasks in the kernels' order.
         posture: (23,) weight of each joint's own tracking.
         lower: (23,) joint limits that are kept to, with knees bent [rad].
+        steps: Where a foot in swing may be moved to.
     """
 
     options: WholeBodyOptions
     gains: Array
     posture: Array
     lower: Array
+    steps: StepLimits
 
 
 def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
@@ -187,7 +189,8 @@ def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
     weights = options.posture.model_dump()
     posture = np.array([weights[limb] for limb in robot.limbs])
     bent = np.maximum(robot.lower, options.min_knee)
-    return Tuning(options, gains, posture, np.where(robot.knees, bent, robot.lower))
+    lower = np.where(robot.knees, bent, robot.lower)
+    return Tuning(options, gains, posture, lower, options.step.limits())
 
 
 def build_qp(

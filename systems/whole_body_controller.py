@@ -192,7 +192,7 @@ class WholeBodyController(LeafSystem):
         return preview
 
     def _unpack(self, vector: Array) -> _State:
-        torque, diagnostics, acceleration, stance = np.split(vector, self._split)
+        torque, diagnostics, acceleration, stance = np.split(vector.copy(), self._split)
         return _State(torque, unpack(diagnostics), acceleration, Stance.unpack(stance))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:

@@ -16,7 +16,7 @@ from robomirror_drake.optimization.step_adjustment import (
     without_crossing,
 )
 
-OPTIONS = StepOptions()
+LIMITS = StepOptions().limits()
 LEFT_STANDS = np.array([[1.0] * 4, [0.0] * 4])
 
 
@@ -38,7 +38,7 @@ def _settled(velocity: tuple[float, float], remaining: float = 0.3) -> np.ndarra
     steps = np.zeros((2, 2))
     for _ in range(500):
         steps = adjusted_steps(
-            steps, LEFT_STANDS, _motion(velocity), _motion(), _sample(remaining), OPTIONS, 0.004
+            steps, LEFT_STANDS, _motion(velocity), _motion(), _sample(remaining), LIMITS, 0.004
         )
     return steps
 
@@ -48,15 +48,15 @@ def test_a_captured_pendulum_comes_to_rest() -> None:
     error, height, remaining, step = np.array([0.06, -0.03]), 0.8, 0.25, 1e-5
     omega, xi = np.sqrt(GRAVITY / height), error.copy()
     for _ in range(round(remaining / step)):  # the old support does all it can
-        xi += step * omega * (xi - OPTIONS.room * xi / np.linalg.norm(xi))
-    shift = captured(error, height, remaining, OPTIONS)
-    assert np.linalg.norm(xi - shift) == pytest.approx(OPTIONS.room, rel=1e-3)
+        xi += step * omega * (xi - LIMITS.room * xi / np.linalg.norm(xi))
+    shift = captured(error, height, remaining, LIMITS)
+    assert np.linalg.norm(xi - shift) == pytest.approx(LIMITS.room, rel=1e-3)
 
 
 def test_small_errors_are_left_to_the_centre_of_pressure_and_large_ones_bounded() -> None:
-    np.testing.assert_array_equal(captured(np.array([0.02, 0.01]), 0.8, 0.5, OPTIONS), 0.0)
-    far = captured(np.array([0.0, 2.0]), 0.8, 0.5, OPTIONS)
-    np.testing.assert_allclose(far, [0.0, OPTIONS.longest])
+    np.testing.assert_array_equal(captured(np.array([0.02, 0.01]), 0.8, 0.5, LIMITS), 0.0)
+    far = captured(np.array([0.0, 2.0]), 0.8, 0.5, LIMITS)
+    np.testing.assert_allclose(far, [0.0, LIMITS.longest])
 
 
 def test_the_swing_foot_goes_where_the_robot_falls() -> None:
@@ -72,7 +72,7 @@ def test_the_swing_foot_goes_where_the_robot_falls() -> None:
 def test_legs_do_not_cross() -> None:
     steps = _settled((0.0, 1.5))  # over the left foot, with the right one in the air
     assert _motion().p[2, 1] - (_motion().p[3, 1] + steps[1, 1]) == pytest.approx(
-        OPTIONS.least_width
+        LIMITS.least_width
     )
     narrow = without_crossing(
         np.array([0.0, 0.2]), np.array([0.0, 0.02]), np.zeros(2), np.array([0.0, 1.0]), -1.0, 0.17
@@ -82,9 +82,9 @@ def test_legs_do_not_cross() -> None:
 
 def test_targets_move_at_a_bounded_speed_and_stay_before_touchdown() -> None:
     once = adjusted_steps(
-        np.zeros((2, 2)), LEFT_STANDS, _motion((1.0, 0.0)), _motion(), _sample(0.3), OPTIONS, 0.004
+        np.zeros((2, 2)), LEFT_STANDS, _motion((1.0, 0.0)), _motion(), _sample(0.3), LIMITS, 0.004
     )
-    assert np.linalg.norm(once[1]) == pytest.approx(OPTIONS.speed * 0.004)
+    assert np.linalg.norm(once[1]) == pytest.approx(LIMITS.speed * 0.004)
     np.testing.assert_array_equal(_settled((1.0, 0.0), remaining=0.04), 0.0)
 
 
@@ -92,7 +92,7 @@ def test_a_foot_that_lifts_off_starts_from_where_it_is() -> None:
     aside = _motion()
     aside.p[2, :2] += [0.05, -0.02]
     steps = adjusted_steps(
-        np.zeros((2, 2)), LEFT_STANDS, aside, _motion(), _sample(0.3), OPTIONS, 0.004
+        np.zeros((2, 2)), LEFT_STANDS, aside, _motion(), _sample(0.3), LIMITS, 0.004
     )
     np.testing.assert_allclose(steps[0], [0.05, -0.02])
 
