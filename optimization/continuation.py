@@ -34,29 +34,40 @@ _SAME = 1e-6  # as which tempos count that differ by less
 _STANDING = 0.1  # for which both feet have stood when a motion stops, or else half of it [s]
 
 
+class Change(NamedTuple):
+    """Shares of the motion's own tempo, amplitude and way; 1 changes nothing."""
+
+    tempo: float = 1.0
+    amplitude: float = 1.0
+    stride: float = 1.0
+
+    def after(self, earlier: Change) -> Change:
+        """Both together, this one of what another one has left."""
+        return Change(*(own * other for own, other in zip(self, earlier, strict=True)))
+
+    @property
+    def size(self) -> float:
+        """How much is changed, 0 to 1."""
+        return 1.0 - sum(self) / len(self)
+
+
 class Course(NamedTuple):
     """A motion that runs.
 
     Attributes:
         commanded: What is to be done, with the plan's contacts.
         plan: How; of equally many samples.
+        change: By how much its end was changed from what was commanded at first.
     """
 
     commanded: RobotReference
     plan: RobotReference
+    change: Change = Change()
 
     @property
     def step(self) -> float:
         """From one sample to the next [s]."""
         return self.plan.duration / (len(self.plan.time) - 1)
-
-
-class Change(NamedTuple):
-    """Shares of the motion's own tempo, amplitude and way; 1 changes nothing."""
-
-    tempo: float
-    amplitude: float
-    stride: float
 
 
 def begun(commanded: RobotReference, plan: RobotReference) -> Course:
@@ -242,6 +253,7 @@ def handed_over(
     frame: int,
     rest: RobotReference,
     options: PlanOptions | None = None,
+    change: Change | None = None,
 ) -> Course:
     """A course with a new remainder from a sample on, planned from the state that it has there.
 
@@ -253,6 +265,7 @@ def handed_over(
         frame: Sample at which the new remainder begins.
         rest: Kinematic; it ends at rest.
         options: Of the planning.
+        change: By how much it is changed from the remainder that was there.
 
     Raises:
         PlanningError: See :func:`~robomirror_drake.optimization.plan_window.plan_window`.
@@ -271,7 +284,11 @@ def handed_over(
         contact=plan.contact,
         foot_force=None,
     )
-    return Course(_spliced(course.commanded, padded, frame), _spliced(old, plan, frame))
+    return Course(
+        _spliced(course.commanded, padded, frame),
+        _spliced(old, plan, frame),
+        (change or Change()).after(course.change),
+    )
 
 
 def _spliced(old: RobotReference, new: RobotReference, frame: int) -> RobotReference:

@@ -123,7 +123,7 @@ def decide(
     if before <= options.allowed:
         return Look(before, None, course)
     start = frame * course.step
-    candidates = _candidates(robot, remainder(course.commanded, frame), options)
+    candidates = _candidates(robot, course, frame, options)
     back = known.time - now
     then = History(
         *foreseen(known.time, known.history.q, known.history.v, course.plan, start + back)
@@ -131,13 +131,19 @@ def decide(
     foresight = risk(predictor, candidates.motions, 0.0, then, options.ahead)
     falls = foresight.fall_probability
     order, reasons = _order(robot, course, frame, candidates, foresight, options)
-    better = logit(falls) <= logit(falls[0]) - options.margin
-    if falls[0] >= options.hopeless and not better.any():
-        better[candidates.going :] = True
     best: tuple[float, int, Course] | None = None
-    for i in [i for i in order if better[i]][: options.attempts]:
+    for i in order[: options.attempts]:
+        if i == 0:
+            break
         try:
-            made = handed_over(robot, course, frame, candidates.motions[i], options.planner)
+            made = handed_over(
+                robot,
+                course,
+                frame,
+                candidates.motions[i],
+                options.planner,
+                candidates.changes[i],
+            )
         except PlanningError:
             continue
         violation = made.plan.residuals["dynamic_violation"]
@@ -166,15 +172,21 @@ def decide(
     return Look(before, handover, course if best is None else best[2])
 
 
-def _candidates(robot: Robot, rest: RobotReference, options: AdapterOptions) -> _Candidates:
-    """The remainder as it is, its continuations, and halts."""
+def _candidates(robot: Robot, course: Course, frame: int, options: AdapterOptions) -> _Candidates:
+    """The remainder from a sample on as it is, its continuations, and halts."""
+    rest = remainder(course.commanded, frame)
+    least = options.least.model_dump().values()
     changes = [Change(c.tempo, c.amplitude, c.stride) for c in options.continuations]
+    changes = [
+        change
+        for change in changes
+        if all(a >= b for a, b in zip(change.after(course.change), least, strict=True))
+    ]
     halts = stopped(rest, options.soonest, options.braking, options.settling, options.halts)
-    same = Change(1.0, 1.0, 1.0)
     return _Candidates(
         [rest, *changed(robot, rest, changes), *halts],
         ["as it is", *map(_name, changes), *(f"halt {i + 1}" for i in range(len(halts)))],
-        [same, *changes, *[same] * len(halts)],
+        [Change(), *changes, *[Change()] * len(halts)],
         1 + len(changes),
     )
 
@@ -192,9 +204,10 @@ def _order(
     foresight: QualityPrediction,
     options: AdapterOptions,
 ) -> tuple[list[int], list[str]]:
-    """Indices of candidates, the best first, and a reason for each of all.
+    """Indices of candidates to be taken, the best first, and a reason for each of all of them.
 
-    What goes on safely comes first, by its quality; then all that is left, by its risk.
+    First comes what goes on safely by a margin, by its quality less what it changes; then what
+    goes on safely; then halts, if the motion is about to be lost; then what is safer at least.
     """
     going, falls = candidates.going, foresight.fall_probability
     part = QualityPrediction(
@@ -208,10 +221,19 @@ def _order(
     done = _satisfactions(robot, course, frame, motions)
     strict = options.ranking.model_copy(update={"t_safe": 1.0 - options.aim})
     ranking = rank([motion.residuals for motion in motions], part, done, strict)
-    safe = [int(i) for i in ranking.order if ranking.safe[i]]
-    rest = [int(i) for i in np.argsort(falls, kind="stable") if int(i) not in safe]
+    worth = ranking.quality - [
+        options.keeping * change.size for change in candidates.changes[:going]
+    ]
+    by_worth = [int(i) for i in np.argsort(-worth, kind="stable")]
+    by_risk = [int(i) for i in np.argsort(falls, kind="stable")]
+    better = [i for i in by_risk if logit(falls[i]) <= logit(falls[0]) - options.margin]
+    order = [i for i in by_worth if ranking.safe[i]]  # with what is there, where it will do
+    order += [i for i in better if i < going and falls[i] <= options.allowed]
+    if falls[0] >= options.halting:
+        order += [i for i in by_risk if i >= going]
+    order += [i for i in better if i < going]
     halts = [f"nothing goes on safely; P(fall) {falls[i]:.1%}" for i in range(going, len(falls))]
-    return [*safe, *rest], [*ranking.reasons, *halts]
+    return list(dict.fromkeys(order)), [*ranking.reasons, *halts]
 
 
 def _satisfactions(

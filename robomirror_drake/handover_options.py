@@ -16,7 +16,7 @@ class _Options(BaseModel):
 class Continuation(_Options):
     """How the rest of a motion may be done instead."""
 
-    tempo: float = Field(1.0, ge=0.3, le=1.0, description="share of the motion's own")
+    tempo: float = Field(1.0, ge=0.1, le=1.0, description="share of the motion's own")
     amplitude: float = Field(1.0, ge=0.0, le=1.0, description="share of its excursions")
     stride: float = Field(1.0, ge=0.0, le=1.0, description="share of its way over the floor")
 
@@ -52,19 +52,28 @@ class AdapterOptions(_Options):
             Continuation(tempo=0.8),
             Continuation(tempo=0.65),
             Continuation(tempo=0.5),
+            Continuation(tempo=0.4),
             Continuation(amplitude=0.6, stride=0.8),
+            Continuation(amplitude=0.5, stride=0.5),
             Continuation(tempo=0.8, amplitude=0.6, stride=0.8),
             Continuation(tempo=0.65, amplitude=0.6, stride=0.6),
             Continuation(tempo=0.5, amplitude=0.5, stride=0.5),
         ),
         description="what is tried; to stop is always tried too",
     )
-    hopeless: float = Field(
+    least: Continuation = Field(
+        Continuation(tempo=0.25, amplitude=0.25, stride=0.25),
+        description="how much must be left of what was commanded at first, after all hand-overs",
+    )
+    halting: float = Field(
         0.5,
         ge=0.0,
         le=1.0,
-        description="P(fall) of the motion as it is from which on the robot comes to a halt if"
-        " nothing is better",
+        description="P(fall) of the motion as it is from which on the robot comes to a halt where"
+        " nothing goes on safely",
+    )
+    keeping: float = Field(
+        0.5, ge=0.0, description="quality that a continuation has to gain for what it changes"
     )
     soonest: float = Field(0.25, gt=0.0, description="least time to go on before a halt [s]")
     braking: float = Field(0.8, gt=0.0, description="how long coming to a halt takes at most [s]")
@@ -72,7 +81,7 @@ class AdapterOptions(_Options):
     halts: int = Field(2, ge=1, le=8, description="moments to stop at that are compared")
     attempts: int = Field(3, ge=1, le=16, description="continuations that are planned at most")
     ranking: RankingOptions = Field(RankingOptions(), description="T_safe, and what is preferred")
-    planner: PlanOptions = PlanOptions()
+    planner: PlanOptions = PlanOptions(stride=2)
 
     @property
     def allowed(self) -> float:

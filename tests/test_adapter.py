@@ -151,8 +151,18 @@ def test_stops_where_nothing_goes_on_safely_and_then_is_done() -> None:
     assert out(adapter, context, "risk")[0] == stop.time
 
 
+def test_slows_down_no_further_than_it_may() -> None:
+    least = OPTIONS.model_copy(update={"least": Continuation(tempo=0.7), "halting": 0.3})
+    adapter, context = run(2.6, 3.0, least)
+    first, *_, stop = out(adapter, context, "handovers")
+    assert first.tempo == 0.8
+    assert first.names == ("as it is", "tempo 80%", "halt 1")
+    assert stop.names == ("as it is", "halt 1")
+    assert stop.stopped
+
+
 def test_says_so_where_nothing_is_better() -> None:
-    adapter, context = run(2.6, 2.0, OPTIONS.model_copy(update={"margin": 1e3}))
+    adapter, context = run(2.6, 2.0, OPTIONS.model_copy(update={"margin": 1e3, "halting": 1.0}))
     log = out(adapter, context, "handovers")
     assert log
     assert not any(one.done for one in log)
@@ -214,10 +224,11 @@ def test_in_physics_the_robot_follows_through_the_hand_over(monkeypatch) -> None
     )
     physics = SimulationOptions(hold=0.2)
     done = rollout_adaptive(ROBOT, commanded(), plan(), Foreteller(2.6), physics, OPTIONS)  # type: ignore[arg-type]
-    (taken,) = [one for one in done.handovers if one.done]
-    assert not taken.stopped
+    taken = [one for one in done.handovers if one.done]
+    assert taken
+    assert not any(one.stopped for one in taken)
     # What is dear is made once for each plan.
-    assert len(made) == 2
+    assert len(made) == 1 + len(taken)
     assert done.plan.duration > plan().duration
     assert done.execution.time[-1] == pytest.approx(done.plan.duration + 0.2, abs=0.02)
     assert done.execution.motion_end == done.plan.duration

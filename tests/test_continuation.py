@@ -27,6 +27,7 @@ from robomirror_drake.robot import load_robot
 ROBOT = load_robot()
 FRAME = 70  # in mid-walk, with a foot in the air
 STEP = 1.0 / 60.0
+SLOWER = Change(tempo=0.7)
 
 
 @lru_cache
@@ -50,7 +51,8 @@ def way(reference: RobotReference) -> float:
 
 
 def test_the_commanded_motion_is_put_on_the_plans_time() -> None:
-    commanded, plan = course()
+    commanded, plan, change = course()
+    assert change == Change(1.0, 1.0, 1.0)
     lead = round(plan.lead / STEP)
     assert lead > 0
     np.testing.assert_array_equal(commanded.time, plan.time)
@@ -114,8 +116,8 @@ def test_a_slower_rest_begins_where_the_motion_is_and_takes_longer() -> None:
 
 @lru_cache
 def joined(halts: bool) -> Course:
-    made = stopped(rest(), 0.25, 0.8, 0.6) if halts else changed(ROBOT, rest(), [Change(0.7, 1, 1)])
-    return handed_over(ROBOT, course(), FRAME, made[0])
+    made = stopped(rest(), 0.25, 0.8, 0.6) if halts else changed(ROBOT, rest(), [SLOWER])
+    return handed_over(ROBOT, course(), FRAME, made[0], change=None if halts else SLOWER)
 
 
 @pytest.mark.parametrize("halts", [True, False])
@@ -135,7 +137,7 @@ def test_position_velocity_and_acceleration_go_on_without_a_jump(halts: bool) ->
 
 @pytest.mark.parametrize("halts", [True, False])
 def test_a_joined_course_is_one_feasible_motion_on_one_time_base(halts: bool) -> None:
-    commanded, plan = joined(halts)
+    commanded, plan, _ = joined(halts)
     np.testing.assert_allclose(np.diff(plan.time), STEP, atol=1e-9)
     np.testing.assert_array_equal(plan.time[:FRAME], course().plan.time[:FRAME])
     assert len(commanded.time) == len(plan.time)
@@ -151,7 +153,8 @@ def test_a_course_can_be_changed_again() -> None:
     once = joined(False)
     frame = FRAME + 4
     (halt,) = stopped(remainder(once.commanded, frame), 0.25, 0.8, 0.6)
-    twice = handed_over(ROBOT, once, frame, halt)
+    twice = handed_over(ROBOT, once, frame, halt, change=SLOWER)
+    assert twice.change == pytest.approx(Change(0.49, 1.0, 1.0))
     for kind in "qva":
         now, then = getattr(twice.plan, kind), getattr(once.plan, kind)
         np.testing.assert_allclose(now[frame], then[frame], atol=1e-9)
