@@ -57,6 +57,9 @@ class Adapter(LeafSystem):
     is ``options.latency`` later, so that the plan goes on without a jump in position, velocity
     or acceleration. Until then the old plan is followed; the robot always has one.
 
+    What is on the input ports at the first hand-over is what runs; other motions there are not
+    looked at afterwards.
+
     Input ports:
         ``state`` (59): of the robot, Drake order.
         ``commanded``: kinematic :class:`RobotReference` that the plan was made from, abstract.
@@ -119,10 +122,12 @@ class Adapter(LeafSystem):
     def _known(self, context: Context) -> Known:
         stored = context.get_discrete_state(self._seen).value()
         rows = self._recent.completed(stored, self._state_port.Eval(context))
-        back = np.arange(1 - self._recent.count, 1) * self._recent.period
+        now, period = context.get_time(), self._recent.period
+        # States are stored at whole periods, the last one before this moment.
+        back = np.ceil(now / period - _TICK) - np.arange(self._recent.count - 1, 0, -1)
         positions = self._robot.model.nq
         history = History(rows[:, :positions], rows[:, positions:])
-        return Known(context.get_time() + back, history)
+        return Known(np.append(back * period, now), history)
 
     def _given(self, context: Context) -> Course:
         """What runs as long as nothing was handed over."""

@@ -208,6 +208,14 @@ def test_refuses_what_is_no_reference() -> None:
         out(adapter, context, "reference")
 
 
+def test_looks_between_the_states_that_it_gathers() -> None:
+    adapter, context = run(2.6, 3.0, OPTIONS.model_copy(update={"rate": 7.0}))
+    (taken, *_) = out(adapter, context, "handovers")
+    assert taken.done
+    assert taken.time * 7.0 == pytest.approx(round(taken.time * 7.0), abs=1e-6)
+    assert taken.start >= taken.time + 0.3
+
+
 @pytest.mark.parametrize(
     "bad", [{"rate": 0.5}, {"rate": 20.0}, {"latency": 0.0}, {"attempts": 0}, {"speed": 1}]
 )
