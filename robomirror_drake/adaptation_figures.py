@@ -16,6 +16,7 @@ from robomirror_drake.robot import Robot
 OWN = "#c2571a"
 """Of the command's own motion."""
 
+HANDOVER = "#8250df"
 HAPPENS = "rgba(209, 36, 47, 0.13)"
 
 
@@ -54,12 +55,17 @@ def paths(
     return styled(figure, height=440, top=70)
 
 
-def risks(curves: Sequence[tuple[str, Foresight, Execution, Outcome]], allowed: float) -> go.Figure:
+def risks(
+    curves: Sequence[tuple[str, Foresight, Execution, Outcome]],
+    allowed: float,
+    handovers: Sequence[float] = (),
+) -> go.Figure:
     """P(fall) over time for one or two executions, and what happened.
 
     Args:
         curves: Name of the execution, what was foreseen, the execution and its outcome.
         allowed: P(fall) up to which a motion is safe.
+        handovers: When the last of them was given another motion [s].
     """
     figure = make_subplots(
         rows=len(curves),
@@ -90,6 +96,9 @@ def risks(curves: Sequence[tuple[str, Foresight, Execution, Outcome]], allowed: 
             line = {"color": TOLD, "width": 1}
             figure.add_vline(execution.motion_end, line=line, row=row, col=1)
         figure.update_yaxes(title="P(fall)", range=[-0.03, 1.03], row=row, col=1)
+    for start in handovers:
+        line = {"color": HANDOVER, "width": 1.5, "dash": "dashdot"}
+        figure.add_vline(start, line=line, row=len(curves), col=1)
     figure.update_xaxes(range=[0.0, last])
     figure.update_xaxes(title="time [s]", row=len(curves), col=1)
     figure.update_annotations(font={"size": 13})

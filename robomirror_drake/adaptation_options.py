@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from robomirror_drake.handover_options import AdapterOptions
 from robomirror_drake.optimization.adapt_options import AdaptOptions
 from robomirror_drake.ranking import RankingOptions
 
@@ -25,4 +26,14 @@ class AdaptationOptions(BaseModel):
     every: float = Field(0.5, gt=0.0, le=10.0, description="between windows that are judged [s]")
     optimised: int = Field(2, ge=1, le=64, description="candidates that are changed, at most")
     ranking: RankingOptions = RankingOptions()
+    closed_loop: bool = Field(False, description="whether it is adapted while it runs, too")
+    adapter: AdapterOptions = Field(
+        AdapterOptions(), description="of the closed loop; its T_safe is that of the ranking"
+    )
     optimiser: AdaptOptions = Field(AdaptOptions(), description="its T_safe is that of the ranking")
+
+    @model_validator(mode="after")
+    def _closed_loop_adapts(self) -> Self:
+        if self.closed_loop and self.method == "none":
+            raise ValueError("closed_loop with method none: name what may be done beforehand")
+        return self

@@ -73,6 +73,19 @@ class Task:
 
 
 @dataclass(frozen=True)
+class HandoverRecord:
+    """What was decided while the motion ran; see :class:`.messages.Handover`."""
+
+    time: float
+    start: float
+    done: bool
+    stopped: bool
+    risk_before: float
+    risk_after: float
+    reason: str
+
+
+@dataclass(frozen=True)
 class AdaptationRecord:
     """What was done with a command, and why; see :class:`.adaptation.Adaptation`.
 
@@ -88,6 +101,7 @@ class AdaptationRecord:
         candidates: All that were looked at, in their order.
         tasks: What the command means; empty where that is not known.
         explanation: Of an optimised motion: what was moved how far, and what held it there.
+        handovers: What was decided while it ran, in a closed loop.
         warnings: What speaks against the predictions.
         not_compared: Why the command's own motion was not executed as well; empty where it was.
     """
@@ -104,8 +118,14 @@ class AdaptationRecord:
     candidates: tuple[RankedCandidate, ...]
     tasks: tuple[Task, ...]
     explanation: Explanation | None
+    handovers: tuple[HandoverRecord, ...] = ()
     warnings: tuple[str, ...] = ()
     not_compared: str = ""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the robot came to a halt instead of going on."""
+        return any(handover.done and handover.stopped for handover in self.handovers)
 
 
 @dataclass(frozen=True)
@@ -132,7 +152,7 @@ class AdaptedRun:
     Attributes:
         record: What was done and why.
         own: Kinematic reference of the command's own motion.
-        commanded: That of what was taken.
+        commanded: That of what was taken; before hand-overs, if there were some.
         foresight: P(fall) over time of what was executed.
         original: What would have happened; None where that was not tried.
     """

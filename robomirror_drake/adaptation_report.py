@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robomirror_drake import adaptation_figures as figures
-from robomirror_drake.adaptation_record import AdaptedRun, Task
+from robomirror_drake.adaptation_record import AdaptedRun
 from robomirror_drake.messages import DIMENSIONS, Execution
 from robomirror_drake.motion_measures import compare, told
 from robomirror_drake.optimization.adapt_explain import Change
@@ -18,13 +18,6 @@ from robomirror_drake.robot_strips import strip
 
 SHOWN = 10
 """Rows of a table of changes or limits, at most."""
-
-HOW = {
-    "kept": "The command's own motion was kept",
-    "selected": "Another candidate was taken",
-    "optimised": "The motion was changed",
-    "unsafe": "Nothing safe was found",
-}
 
 
 def adaptation_values(result: Result, robot: Robot) -> dict[str, Any] | None:
@@ -42,11 +35,11 @@ def adaptation_values(result: Result, robot: Robot) -> dict[str, Any] | None:
             ("as adapted", run.foresight, result.execution, result.outcome),
         ]
     measures = compare(robot, run.own, run.commanded) if record.changed else []
-    risk = figures.risks(curves, record.allowed)
+    starts = [handover.start for handover in record.handovers if handover.done]
+    risk = figures.risks(curves, record.allowed, starts)
     paths = figures.paths(run.own, run.commanded, result.execution, tried, result.outcome)
     values: dict[str, Any] = {
         "record": record,
-        "how": HOW[record.how],
         "original": original,
         "strips": _strips(result, run, robot),
         "risk": plot(risk, "risk"),
@@ -54,7 +47,6 @@ def adaptation_values(result: Result, robot: Robot) -> dict[str, Any] | None:
         "told": "" if record.explanation is None else told(measures),
         "dimensions": DIMENSIONS,
         "candidates": sorted(record.candidates, key=lambda c: c.place),
-        "tasks": [_task(task) for task in record.tasks],
         "changes": [_change(c) for c in record.explanation.changes[:SHOWN]]
         if record.explanation
         else [],
@@ -86,21 +78,6 @@ def _strip(title: str, execution: Execution, robot: Robot, fall: float | None) -
     until |= not until.any()
     drawn = strip(robot, execution.time[until], execution.q[until], execution.q_ref[until], fall)
     return {"title": title, "fell": fall is not None, "strip": drawn}
-
-
-def _task(task: Task) -> dict[str, Any]:
-    """A task in the units of a reader."""
-    angle = task.unit.startswith("rad")
-    factor = np.degrees(1.0) if angle else 1.0
-    unit = task.unit.replace("rad", "°") if angle else task.unit
-    places = 0 if angle else 2
-    return {
-        "sentence": task.sentence,
-        "own": f"{factor * task.own:.{places}f}",
-        "taken": f"{factor * task.taken:.{places}f}",
-        "unit": unit,
-        "met": task.met,
-    }
 
 
 def _change(change: Change) -> dict[str, str]:

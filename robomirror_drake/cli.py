@@ -112,6 +112,9 @@ def run(
         str | None,
         typer.Option(help="Of the predictor: a name in assets/ppn, or a file of your own."),
     ] = None,
+    closed_loop: Annotated[
+        bool | None, typer.Option(help="Adapt the motion while it runs, too.")
+    ] = None,
     compare: Annotated[
         bool, typer.Option(help="Where the motion was changed, execute the original as well.")
     ] = True,
@@ -135,7 +138,7 @@ def run(
 
     name = scenario or _run_scenario(weights)
     settings = _scenario(name, command=command, seed=seed, candidates=candidates)
-    settings = _adapting(settings, method, weights)
+    settings = _adapting(settings, method, weights, closed_loop)
     if graphviz is not None:
         check_file(graphviz)
         _write_graphviz(settings, graphviz)
@@ -344,11 +347,14 @@ def _run_scenario(given: str | None) -> str:
     return ADAPTING if there else "default"
 
 
-def _adapting(scenario: Scenario, method: str | None, weights: str | None) -> Scenario:
+def _adapting(
+    scenario: Scenario, method: str | None, weights: str | None, closed_loop: bool | None = None
+) -> Scenario:
     """The scenario with what the command line says of adaptation instead."""
     from robomirror_drake.yaml_file import changed
 
-    adaptation = changed(scenario.adaptation, method=method, predictor=weights)
+    given = {"method": method, "predictor": weights, "closed_loop": closed_loop}
+    adaptation = changed(scenario.adaptation, **given)
     return scenario.model_copy(update={"adaptation": adaptation})
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 
 import numpy as np
 
 from robomirror_drake.adaptation import Adaptation
 from robomirror_drake.adaptation_record import (
     AdaptationRecord,
+    HandoverRecord,
     Original,
     RankedCandidate,
     Task,
@@ -16,7 +18,13 @@ from robomirror_drake.adaptation_record import (
 from robomirror_drake.config import Scenario
 from robomirror_drake.fall_cause import judge
 from robomirror_drake.goals import measure
-from robomirror_drake.messages import Execution, Foresight, HumanMotion, RobotReference
+from robomirror_drake.messages import (
+    Execution,
+    Foresight,
+    Handover,
+    HumanMotion,
+    RobotReference,
+)
 from robomirror_drake.motion_measures import compare, told
 from robomirror_drake.optimization.continuation import begun
 from robomirror_drake.optimization.plan import plan_dynamics
@@ -102,18 +110,15 @@ def _tasks(robot: Robot, made: Adaptation, own: RobotReference) -> tuple[Task, .
     )
 
 
-def foresight(
-    predictor: Predictor, commanded: RobotReference, plan: RobotReference, execution: Execution
-) -> Foresight:
+def foresight(predictor: Predictor, led: RobotReference, execution: Execution) -> Foresight:
     """P(fall) over the time of an execution, as it looked beforehand and on the way.
 
     Args:
         predictor: What foresees falls.
-        commanded: The kinematic reference.
-        plan: The dynamic plan made from it, which was executed.
+        led: The kinematic reference in the time of the execution.
         execution: What the robot did.
     """
-    led, options = begun(commanded, plan).commanded, predictor.options
+    options = predictor.options
     times = np.arange(0.0, min(execution.time[-1], led.duration), EVERY)
     step = round(RECORDED / options.rate)
     back = step * np.arange(1 - options.back, 1)
@@ -145,4 +150,14 @@ def execute_own(
     plan = plan_dynamics(robot, own, scenario.planner)
     done = rollout(robot, plan, scenario.simulation, scenario.seed, progress)
     outcome = judge(robot, done, plan, scenario.simulation)
-    return Original(plan, done, outcome, foresight(predictor, own, plan, done))
+    seen = foresight(predictor, begun(own, plan).commanded, done)
+    return Original(plan, done, outcome, seen)
+
+
+def handover_records(handovers: Sequence[Handover]) -> tuple[HandoverRecord, ...]:
+    """What was decided while a motion ran, in plain figures."""
+    names = [field.name for field in fields(HandoverRecord)]
+    return tuple(
+        HandoverRecord(**{name: getattr(handover, name) for name in names})
+        for handover in handovers
+    )

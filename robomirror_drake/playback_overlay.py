@@ -42,6 +42,7 @@ def render_overlay(result: Result) -> str:
         width=WIDTH,
         height=HEIGHT,
         last=last,
+        handovers=[WIDTH * h.start / last for h in run.record.handovers if h.done],
     )
 
 

@@ -75,6 +75,9 @@ def render_report(result: Result, robot: Robot) -> str:
     )
 
 
+HALTED = " It was brought to a halt on the way, and did not do what it was told."
+
+
 class Verdict(NamedTuple):
     """How an execution went; ``which`` is empty where there is only one."""
 
@@ -93,8 +96,14 @@ def _verdicts(result: Result) -> list[Verdict]:
             ("As commanded", original.outcome, original.execution),
             ("As adapted", result.outcome, result.execution),
         ]
+    halted = result.adaptation is not None and result.adaptation.record.stopped
     return [
-        Verdict(which, end.fell, outcome_sentence(end, done), cause_sentence(end))
+        Verdict(
+            which,
+            end.fell,
+            outcome_sentence(end, done) + (HALTED if halted and end is result.outcome else ""),
+            cause_sentence(end),
+        )
         for which, end, done in ends
     ]
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
@@ -15,14 +15,14 @@ from robomirror_drake.adaptation_record import AdaptedRun
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import InputError, PlanningError, SimulationError
 from robomirror_drake.fall_cause import judge
-from robomirror_drake.messages import Execution, HumanMotion, RobotReference
+from robomirror_drake.messages import Execution, Handover, HumanMotion, RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.load import load_motion
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization.retarget import retarget
 from robomirror_drake.pipeline import Source, build_pipeline, give_candidates, give_command
 from robomirror_drake.results import Result
-from robomirror_drake.robot import load_robot
+from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import execution, set_initial_state, simulate
 from robomirror_drake.yaml_file import to_yaml
 
@@ -67,9 +67,11 @@ def run(
             something else.
 
     Raises:
-        InputError: The command or file cannot be used.
+        InputError: The command or file cannot be used, or a closed loop is to be watched.
         RetargetingError: The robot cannot follow any of the candidates.
     """
+    if meshcat is not None and scenario.adaptation.closed_loop:
+        raise InputError("a closed loop cannot be watched live; look at its playback")
     tell = report or (lambda _stage, _share: None)
     source = read_source(scenario.command)
     robot = load_robot(scenario.robot)
@@ -96,28 +98,68 @@ def run(
     tell("plan", 0.0)
     plan: RobotReference = diagram.GetOutputPort("plan").Eval(context)
     tell("simulate", 0.0)
-    set_initial_state(systems, context, plan)
-    if meshcat is not None:
-        simulator.set_target_realtime_rate(1.0)
     end = plan.duration + options.hold
-    simulate(simulator, systems, end, options, lambda now, _: tell("simulate", now / end))
-    done = execution(systems, context, plan, scenario.seed)
+    ran = Ran((), plan, None)
+    if scenario.adaptation.closed_loop:
+        done, ran = _run_closed(robot, scenario, chosen, plan, tell)
+    else:
+        set_initial_state(systems, context, plan)
+        if meshcat is not None:
+            simulator.set_target_realtime_rate(1.0)
+        simulate(simulator, systems, end, options, lambda now, _: tell("simulate", now / end))
+        done = execution(systems, context, plan, scenario.seed)
     tell("simulate", 1.0)
     adaptation = None
     if made is not None:
-        adaptation = _adapted(scenario, made, references, candidates, plan, done, compare, tell)
+        adaptation = _adapted(scenario, made, references, candidates, ran, done, compare, tell)
     return Result(
         command=scenario.command,
         scenario=to_yaml(scenario),
         candidates=candidates,
         chosen=[motion.source for motion in candidates].index(chosen.source),
-        reference=plan,
+        reference=ran.plan,
         execution=done,
-        outcome=judge(robot, done, plan, options),
+        outcome=judge(robot, done, ran.plan, options),
         robot=scenario.robot,
         seeds={"generator": scenario.seed, "disturbance": scenario.seed},
         adaptation=adaptation,
     )
+
+
+class Ran(NamedTuple):
+    """What was followed in an execution.
+
+    Attributes:
+        handovers: What was decided on the way.
+        plan: The plan, hand-overs included.
+        led: The kinematic reference in the plan's time; None where that has to be worked out.
+    """
+
+    handovers: tuple[Handover, ...]
+    plan: RobotReference
+    led: RobotReference | None
+
+
+def _run_closed(
+    robot: Robot, scenario: Scenario, chosen: RobotReference, plan: RobotReference, tell: Report
+) -> tuple[Execution, Ran]:
+    """An execution in which the motion is adapted while it runs."""
+    # Here, since it is for the network alone that torch has to be there: seconds, else saved.
+    from robomirror_drake.closed_loop import rollout_adaptive
+    from robomirror_drake.ppn.predictor import load_predictor
+
+    options = scenario.adaptation
+    done = rollout_adaptive(
+        robot,
+        chosen,
+        plan,
+        load_predictor(options.predictor, robot),
+        scenario.simulation,
+        options.adapter.model_copy(update={"ranking": options.ranking}),
+        scenario.seed,
+        lambda now, end: tell("simulate", now / end),
+    )
+    return done.execution, Ran(done.handovers, done.plan, done.commanded)
 
 
 def _adapted(
@@ -125,22 +167,29 @@ def _adapted(
     made: Adaptation,
     references: Sequence[RobotReference],
     motions: Sequence[HumanMotion],
-    plan: RobotReference,
+    ran: Ran,
     done: Execution,
     compare: bool,
     tell: Report,
 ) -> AdaptedRun:
     """What the result says of an adaptation; executes the command's own motion where asked to."""
-    # Here, since it is for the network alone that torch has to be there: seconds, else saved.
-    from robomirror_drake.comparison import execute_own, foresight, record_of
+    # Here, for the same reason.
+    from robomirror_drake.comparison import execute_own, foresight, handover_records, record_of
     from robomirror_drake.differences import physics_warnings
+    from robomirror_drake.optimization.continuation import begun
     from robomirror_drake.ppn.predictor import load_predictor
 
     robot = load_robot(scenario.robot)
     weights = scenario.adaptation.predictor
     predictor = load_predictor(weights, robot)
     record = record_of(robot, scenario, made, references, motions)
-    warnings = physics_warnings(predictor.header, scenario, weights)
+    handovers = handover_records(ran.handovers)
+    record = replace(
+        record,
+        warnings=tuple(physics_warnings(predictor.header, scenario, weights)),
+        handovers=handovers,
+        changed=record.changed or any(handover.done for handover in handovers),
+    )
     original, refused = None, "it was not asked for"
     if record.changed and compare:
         tell("compare", 0.0)
@@ -156,11 +205,12 @@ def _adapted(
         refused = "it is what was executed"
     if compare:
         tell("compare", 1.0)
+    led = ran.led or begun(made.reference, ran.plan).commanded
     return AdaptedRun(
-        replace(record, warnings=tuple(warnings), not_compared=refused),
+        replace(record, not_compared=refused),
         references[0],
         made.reference,
-        foresight(predictor, made.reference, plan, done),
+        foresight(predictor, led, done),
         original,
     )
 

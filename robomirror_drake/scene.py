@@ -31,6 +31,7 @@ ORIGINAL_COLOR = (0.86, 0.16, 0.18, 0.45)
 """Of the robot that does what was commanded, where it does something else instead."""
 
 FALL_COLOR = (0.82, 0.14, 0.18, 1.0)
+HANDOVER_COLOR = (0.51, 0.31, 0.87, 1.0)
 GAUGE_COLOR = (0.55, 0.60, 0.66, 1.0)
 ALLOWED_COLOR = (0.82, 0.14, 0.18, 1.0)
 RISK_COLOR = (0.12, 0.44, 0.92, 1.0)
@@ -96,7 +97,7 @@ def build_scene(result: Result, robot: Robot) -> Scene:
     Where the motion was adapted and the original was executed too, that robot stands in place
     of the reference, red and translucent. Where risks were foreseen, a ball on a pole of one
     metre beside each robot shows P(fall), a ring what is allowed; a red ring lies where a robot
-    fell, from then on.
+    fell, from then on, a violet one where it was handed another motion.
     """
     execution, run = result.execution, result.adaptation
     original = None if run is None else run.original
@@ -126,6 +127,9 @@ def build_scene(result: Result, robot: Robot) -> Scene:
     if run is not None:
         allowed = run.record.allowed
         bodies += gauge(run.foresight, allowed, time, "robot", middle, RISK_COLOR)
+        for number, handover in enumerate(h for h in run.record.handovers if h.done):
+            place = execution.q[_samples(execution, np.array([handover.start]))[0], 4:7]
+            bodies.append(mark(f"handover_{number}", place, handover.start, time, HANDOVER_COLOR))
         if original is not None:
             beside = middle + REFERENCE_OFFSET
             bodies += gauge(original.foresight, allowed, time, "original", beside, ALLOWED_COLOR)
@@ -147,11 +151,16 @@ def fall_mark(
     if outcome.fall_time_s is None:
         return ()
     place = execution.q[np.searchsorted(execution.time, outcome.fall_time_s), 4:7] + offset
+    return (mark(f"{path}_fall", place, outcome.fall_time_s, time, FALL_COLOR),)
+
+
+def mark(path: str, place: Array, start: float, time: Array, color: Color) -> Body:
+    """A ring on the floor at a place, from a time on."""
     position = np.tile([place[0], place[1], 0.02], (len(time), 1))
-    position[time < outcome.fall_time_s, 2] = BELOW
+    position[time < start, 2] = BELOW
     ring = trimesh.creation.torus(major_radius=0.35, minor_radius=0.02, major_sections=64)
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
-    return (Body(f"{path}_fall", (Mesh(_obj(ring), FALL_COLOR, np.eye(4)),), position, upright),)
+    return Body(path, (Mesh(_obj(ring), color, np.eye(4)),), position, upright)
 
 
 def gauge(

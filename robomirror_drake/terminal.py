@@ -45,11 +45,15 @@ def print_outcome(result: Result, folder: Path) -> None:
         for warning in adapted.record.warnings:
             out.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
         out.print(adapted.record.reason, style="bold", markup=False, highlight=False)
+        for handover in (h for h in adapted.record.handovers if h.done):
+            out.print(f"at {handover.time:.1f} s: {handover.reason}", markup=False, highlight=False)
         if adapted.original is not None:
             out.print("As commanded: ", end="")
             _print_end(adapted.original.outcome)
             out.print("As adapted: ", end="")
     _print_end(outcome)
+    if adapted is not None and adapted.record.stopped:
+        out.print("It was brought to a halt on the way, and did not do what it was told.")
     out.print(
         f"mean error: joints {outcome.A_q:.4f} rad, root {100 * outcome.A_p:.1f} cm, "
         f"{outcome.A_theta:.3f} rad"

@@ -11,19 +11,21 @@ from importlib import resources
 import numpy as np
 import pytest
 import torch
+import yaml
 
 from robomirror_drake import cli
 from robomirror_drake.adaptation_record import (
     AdaptationRecord,
     AdaptedRun,
+    HandoverRecord,
     Original,
     RankedCandidate,
     Task,
 )
 from robomirror_drake.comparison import foresight
-from robomirror_drake.config import load_scenario
+from robomirror_drake.config import Scenario, load_scenario
 from robomirror_drake.differences import differences, physics_warnings
-from robomirror_drake.exceptions import ResultError
+from robomirror_drake.exceptions import ConfigError, InputError, ResultError
 from robomirror_drake.learning.train import physics_of
 from robomirror_drake.messages import Execution, Foresight, QualityPrediction, RobotReference
 from robomirror_drake.motion_measures import compare, told
@@ -43,6 +45,7 @@ from robomirror_drake.robot_strips import strip
 from robomirror_drake.run import run, stages
 from robomirror_drake.scene import BELOW, FRAMES_PER_SECOND, build_scene
 from robomirror_drake.terminal import print_outcome
+from robomirror_drake.yaml_file import to_yaml, validate
 
 ROBOT = load_robot()
 
@@ -58,6 +61,11 @@ def candidate(number: int, place: int, fall: float) -> RankedCandidate:
     scores = (0.9, 0.7, 1.0 - fall, 0.4, 0.5, 1.0)
     return RankedCandidate(number, place, scores, 0.6, fall, fall < 0.1, f"reason <{number}>")
 
+
+HANDOVERS = (
+    HandoverRecord(0.4, 0.7, False, False, 0.3, 0.3, "nothing is better"),
+    HandoverRecord(0.6, 0.9, True, True, 0.5, 0.02, "halt 1 from 0.90 s on"),
+)
 
 RECORD = AdaptationRecord(
     method="selection", weights="ppn_1s", how="selected", number=1, changed=True, risk_before=0.6,
@@ -116,6 +124,35 @@ def test_an_adaptation_comes_back_as_it_was(result, tmp_path, original, explanat
     loaded = load_result(save_result(tmp_path / "run", made))
     assert loaded == made
     assert (loaded.adaptation.original is not None) == original
+
+
+def test_handovers_come_back_and_are_shown_everywhere(result, tmp_path, capsys):
+    halted = with_record(result, handovers=HANDOVERS)
+    folder = save_result(tmp_path / "run", halted)
+    assert load_result(folder) == halted
+    page = without_libraries(render_report(halted, ROBOT))
+    for words in ("halt 1 from 0.90 s on", "nothing was handed over", "brought to a halt"):
+        assert words in page
+    over = render_overlay(halted)
+    assert over.count('class="handover"') == 1
+    assert f'x1="{WIDTH * 0.9 / halted.execution.time[-1]}"' in over
+    marks = [b for b in build_scene(halted, ROBOT).bodies if b.path.startswith("handover")]
+    (mark,) = marks
+    assert int(np.flatnonzero(mark.position[:, 2] > BELOW)[0]) == round(0.9 * FRAMES_PER_SECOND)
+    print_outcome(halted, folder)
+    said = capsys.readouterr().out
+    assert "at 0.6 s: halt 1 from 0.90 s on" in said
+    assert "nothing is better" not in said
+    assert "brought to a halt" in said
+
+
+def test_a_closed_loop_has_settings_in_the_scenario_and_needs_a_method():
+    closed = cli._adapting(load_scenario("worn"), None, None, closed_loop=True)
+    assert validate(Scenario, yaml.safe_load(to_yaml(closed)), "again") == closed
+    with pytest.raises(ConfigError, match="closed_loop with method none"):
+        cli._adapting(load_scenario("default"), None, None, closed_loop=True)
+    with pytest.raises(InputError, match="live"):
+        run(closed, meshcat=object())  # type: ignore[arg-type]
 
 
 def test_results_without_adaptation_still_load(result, tmp_path):
@@ -262,7 +299,6 @@ def test_the_report_tells_both_outcomes_and_the_ranking(result):
     assert "learned elsewhere" in page
     assert page.index("reason &lt;1&gt;") < page.index("reason &lt;0&gt;")
     assert page.count('<svg class="strip"') == 2
-    assert "17" in page  # 0.3 rad are 17°
     for plot in ("risk", "paths", "measures", "courses"):
         assert f'id="{plot}"' in page
 
@@ -350,13 +386,13 @@ def predictor() -> Predictor:
 def test_who_does_what_he_is_told_looks_as_foreseen(predictor, make_execution):
     told = walking(0.5, 0.5)
     exact = make_execution(len(told.time), time=told.time, q=told.q, v=told.v)
-    seen = foresight(predictor, told, told, exact)
+    seen = foresight(predictor, told, exact)
     np.testing.assert_allclose(seen.time, np.arange(0.0, 2.0, 0.1), atol=1e-9)
     np.testing.assert_array_equal(seen.beforehand, seen.underway)
     assert seen.horizon == 0.5
     q = exact.q.copy()
     q[90:, 6] -= 0.2  # from 1.5 s on it is lower
-    lower = foresight(predictor, told, told, dataclasses.replace(exact, q=q))
+    lower = foresight(predictor, told, dataclasses.replace(exact, q=q))
     np.testing.assert_array_equal(lower.beforehand, seen.beforehand)
     np.testing.assert_array_equal(lower.underway[:15], seen.underway[:15])
     assert (lower.underway[15:] != seen.underway[15:]).all()
