@@ -57,11 +57,13 @@ class Course(NamedTuple):
     Attributes:
         commanded: What is to be done, with the plan's contacts.
         plan: How; of equally many samples.
+        asked: What was commanded at first; it says what is meant.
         change: By how much its end was changed from what was commanded at first.
     """
 
     commanded: RobotReference
     plan: RobotReference
+    asked: RobotReference
     change: Change = Change()
 
     @property
@@ -93,7 +95,7 @@ def begun(commanded: RobotReference, plan: RobotReference) -> Course:
         foot_force=None,
         planned=False,
     )
-    return Course(led, plan)
+    return Course(led, plan, commanded)
 
 
 def remainder(reference: RobotReference, frame: int) -> RobotReference:
@@ -287,6 +289,7 @@ def handed_over(
     return Course(
         _spliced(course.commanded, padded, frame),
         _spliced(old, plan, frame),
+        course.asked,
         (change or Change()).after(course.change),
     )
 

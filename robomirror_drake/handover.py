@@ -240,9 +240,9 @@ def _satisfactions(
     robot: Robot, course: Course, frame: int, motions: Sequence[RobotReference]
 ) -> list[Satisfaction] | None:
     """How well what was done already and each motion together do what the command means."""
-    begun = course.commanded.q
     try:
-        goals = make_goals(robot, parse(course.commanded.text), begun)
+        goals = make_goals(robot, parse(course.asked.text), course.asked.q)
     except (InputError, UnknownCommandError):
         return None
-    return [measure(robot, goals, np.concatenate([begun[:frame], m.q])) for m in motions]
+    begun = course.commanded.q[:frame]
+    return [measure(robot, goals, np.concatenate([begun, motion.q])) for motion in motions]

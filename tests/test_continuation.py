@@ -51,7 +51,8 @@ def way(reference: RobotReference) -> float:
 
 
 def test_the_commanded_motion_is_put_on_the_plans_time() -> None:
-    commanded, plan, change = course()
+    commanded, plan, asked, change = course()
+    assert asked is raw()
     assert change == Change(1.0, 1.0, 1.0)
     lead = round(plan.lead / STEP)
     assert lead > 0
@@ -137,7 +138,8 @@ def test_position_velocity_and_acceleration_go_on_without_a_jump(halts: bool) ->
 
 @pytest.mark.parametrize("halts", [True, False])
 def test_a_joined_course_is_one_feasible_motion_on_one_time_base(halts: bool) -> None:
-    commanded, plan, _ = joined(halts)
+    commanded, plan, asked, _ = joined(halts)
+    assert asked is raw()
     np.testing.assert_allclose(np.diff(plan.time), STEP, atol=1e-9)
     np.testing.assert_array_equal(plan.time[:FRAME], course().plan.time[:FRAME])
     assert len(commanded.time) == len(plan.time)
