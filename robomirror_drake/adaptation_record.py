@@ -55,7 +55,7 @@ class RankedCandidate:
 
 @dataclass(frozen=True)
 class Task:
-    """One thing that the command means, before and after.
+    """One thing that the command means: in its own motion, in what was taken, in what was done.
 
     Attributes:
         sentence: What has to be.
@@ -63,6 +63,8 @@ class Task:
         own: In the command's own motion.
         taken: In the motion that was taken.
         met: Whether that does.
+        executed: In the execution; None where the robot fell.
+        done: Whether that does; None where the robot fell.
     """
 
     sentence: str
@@ -70,6 +72,8 @@ class Task:
     own: float
     taken: float
     met: bool
+    executed: float | None = None
+    done: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,12 @@ class AdaptationRecord:
     def stopped(self) -> bool:
         """Whether the robot came to a halt instead of going on."""
         return any(handover.done and handover.stopped for handover in self.handovers)
+
+    @property
+    def done(self) -> bool | None:
+        """Whether the execution did what the command means; None where that is not known."""
+        known = [task.done for task in self.tasks if task.done is not None]
+        return all(known) if known else None
 
 
 @dataclass(frozen=True)

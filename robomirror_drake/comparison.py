@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -43,6 +43,7 @@ def record_of(
     made: Adaptation,
     references: Sequence[RobotReference],
     motions: Sequence[HumanMotion],
+    done: Execution | None = None,
 ) -> AdaptationRecord:
     """An adaptation in plain figures.
 
@@ -52,6 +53,7 @@ def record_of(
         made: What was done.
         references: The candidates, the command's own motion first.
         motions: The human motions that these were made from, by their ``source``.
+        done: What the robot did; None where it fell, which does no task.
     """
     sources = [motion.source for motion in motions]
     numbers = [sources.index(reference.source) for reference in references]
@@ -81,7 +83,7 @@ def record_of(
         allowed=1.0 - options.ranking.t_safe,
         reason=_sentence(robot, made, references[0], 1.0 - options.ranking.t_safe),
         candidates=tuple(candidates),
-        tasks=_tasks(robot, made, references[0]),
+        tasks=_tasks(robot, made, references[0], done),
         explanation=None if made.changed is None else made.changed.explanation,
     )
 
@@ -99,14 +101,23 @@ def _sentence(robot: Robot, made: Adaptation, own: RobotReference, allowed: floa
     )
 
 
-def _tasks(robot: Robot, made: Adaptation, own: RobotReference) -> tuple[Task, ...]:
-    """What the command means, in its own motion and in the one that was taken."""
+def _tasks(
+    robot: Robot, made: Adaptation, own: RobotReference, done: Execution | None
+) -> tuple[Task, ...]:
+    """What the command means, in its own motion, in the one that was taken, and as done."""
     if made.goals is None or made.satisfaction is None:
         return ()
-    before = measure(robot, made.goals, own.q)
-    return tuple(
+    before, taken = measure(robot, made.goals, own.q).measured, made.satisfaction.measured
+    tasks = [
         Task(now.predicate.sentence, now.predicate.unit, was.value, now.value, now.met)
-        for was, now in zip(before.measured, made.satisfaction.measured, strict=True)
+        for was, now in zip(before, taken, strict=True)
+    ]
+    if done is None:
+        return tuple(tasks)
+    real = measure(robot, made.goals, done.q).measured
+    return tuple(
+        replace(task, executed=one.value, done=one.met)
+        for task, one in zip(tasks, real, strict=True)
     )
 
 

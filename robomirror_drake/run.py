@@ -109,9 +109,12 @@ def run(
         simulate(simulator, systems, end, options, lambda now, _: tell("simulate", now / end))
         done = execution(systems, context, plan, scenario.seed)
     tell("simulate", 1.0)
+    outcome = judge(robot, done, ran.plan, options)
     adaptation = None
     if made is not None:
-        adaptation = _adapted(scenario, made, references, candidates, ran, done, compare, tell)
+        adaptation = _adapted(
+            scenario, made, references, candidates, ran, done, outcome.fell, compare, tell
+        )
     return Result(
         command=scenario.command,
         scenario=to_yaml(scenario),
@@ -119,7 +122,7 @@ def run(
         chosen=[motion.source for motion in candidates].index(chosen.source),
         reference=ran.plan,
         execution=done,
-        outcome=judge(robot, done, ran.plan, options),
+        outcome=outcome,
         robot=scenario.robot,
         seeds={"generator": scenario.seed, "disturbance": scenario.seed},
         adaptation=adaptation,
@@ -169,6 +172,7 @@ def _adapted(
     motions: Sequence[HumanMotion],
     ran: Ran,
     done: Execution,
+    fell: bool,
     compare: bool,
     tell: Report,
 ) -> AdaptedRun:
@@ -182,7 +186,7 @@ def _adapted(
     robot = load_robot(scenario.robot)
     weights = scenario.adaptation.predictor
     predictor = load_predictor(weights, robot)
-    record = record_of(robot, scenario, made, references, motions)
+    record = record_of(robot, scenario, made, references, motions, None if fell else done)
     handovers = handover_records(ran.handovers)
     record = replace(
         record,

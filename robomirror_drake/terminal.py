@@ -52,6 +52,10 @@ def print_outcome(result: Result, folder: Path) -> None:
             _print_end(adapted.original.outcome)
             out.print("As adapted: ", end="")
     _print_end(outcome)
+    if adapted is not None and adapted.record.done is False:
+        missed = next(task for task in adapted.record.tasks if task.done is False)
+        words = f"{missed.sentence}; it was {missed.executed:.2f} {missed.unit}".rstrip()
+        out.print(f"The task was not done: {words}.", markup=False, highlight=False)
     if adapted is not None and adapted.record.stopped:
         out.print("It was brought to a halt on the way, and did not do what it was told.")
     out.print(

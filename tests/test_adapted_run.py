@@ -71,7 +71,7 @@ RECORD = AdaptationRecord(
     method="selection", weights="ppn_1s", how="selected", number=1, changed=True, risk_before=0.6,
     risk=0.05, allowed=0.1, reason="Candidate 1 is done & not 0.",
     candidates=(candidate(0, 2, 0.6), candidate(1, 1, 0.05)),
-    tasks=(Task("sways that far", "rad", 0.4, 0.3, met=True),), explanation=None,
+    tasks=(Task("sways that far", "rad", 0.4, 0.3, True, 0.2, done=False),), explanation=None,
     warnings=("learned elsewhere",),
 )  # fmt: skip
 
@@ -363,6 +363,7 @@ def test_the_prompt_tells_what_was_changed_and_both_ends(result, tmp_path, capsy
     assert "Candidate 1 is done & not 0." in said
     assert "As commanded: The robot fell at 0.50 s" in said
     assert "As adapted: The robot stayed on its feet" in said
+    assert "The task was not done: sways that far; it was 0.20 rad." in said
 
 
 # --- foresight
@@ -448,6 +449,7 @@ def test_a_run_does_the_safe_candidate_and_compares(monkeypatch):
     assert not adapted.original.outcome.fell
     assert adapted.record.not_compared == ""
     assert all(task.met for task in adapted.record.tasks)
+    assert adapted.record.done
 
 
 def test_run_adapts_by_default_where_there_are_weights():
