@@ -1,16 +1,20 @@
 """What a control tick says about itself: failures, slack, margins, active set, contacts."""
 
+# mypy: disable-error-code="untyped-decorator"
+
 from __future__ import annotations
 
 from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization.dynamics_terms import ControlModel
 from robomirror_drake.optimization.stance import Stance
-from robomirror_drake.optimization.whole_body_qp import QP, Solution, foot_wrench_from, torque_from
+from robomirror_drake.optimization.whole_body_kernels import GENERATORS
+from robomirror_drake.optimization.whole_body_qp import QP, Solution, torque_from
 from robomirror_drake.robot import FEET
 
 ACTIVE: Final = 1e-3
@@ -108,29 +112,66 @@ def diagnose(
         robot: The model.
         friction: µ that the planned forces keep to.
     """
-    x, solved, joints = solution.x, solution.problem, robot.effort.size
-    torque, force = torque_from(solution), foot_wrench_from(solution)[:, :3]
-    bound = np.maximum(np.abs(force[:, 2]), LEAST_FORCE)
-    slip = np.hypot(force[:, 0], force[:, 1]) / bound
-    edge = np.abs(force[:, :2]).sum(axis=1) / bound
-    loaded = force[:, 2] > LEAST_FORCE
-    lower, upper, bounded = qp.lb[:joints], qp.ub[:joints], x[:joints]
-    tolerance = ACTIVE * (upper - lower)
-    normal = np.zeros((2, 4))
-    normal[stance.load > 0.0] = x[joints:].reshape(-1, 4).sum(axis=1)
-    idle = (stance.load > 0.0) & (normal <= ACTIVE)
-    return Diagnostics(
-        qp_failures=np.array(0.0),
-        residual=np.max(
-            np.concatenate([np.abs(torque) - robot.effort, solved.lb - x, x - solved.ub]),
-            initial=0.0,
-        ),
-        slack=np.max(np.concatenate([lower - bounded, bounded - upper]), initial=0.0),
-        friction_margin=friction - np.where(loaded, slip, 0.0),
-        torque_limit=np.sign(torque) * (np.abs(torque) >= (1.0 - ACTIVE) * robot.effort),
-        joint_limit=1.0 * (bounded >= upper - tolerance) - 1.0 * (bounded <= lower + tolerance),
-        friction=1.0 * (loaded & (edge >= (1.0 - ACTIVE) * friction)),
-        unilateral=idle.mean(axis=1),
-        planned_contact=scheduled.mean(axis=1),
-        measured_contact=np.where(stance.touching > 0.0, 1.0, 0.0),
+    return unpack(packed_diagnosis(qp, solution, scheduled, stance, robot, friction))
+
+
+def packed_diagnosis(
+    qp: QP,
+    solution: Solution,
+    scheduled: BoolArray,
+    stance: Stance,
+    robot: ControlModel,
+    friction: float,
+) -> Array:
+    """(13 + 2 n,) what :func:`diagnose` says, as :meth:`Diagnostics.pack` has it."""
+    vector: Array = _diagnosed(
+        solution.x,
+        torque_from(solution),
+        robot.effort,
+        (solution.problem.lb, solution.problem.ub),
+        (qp.lb, qp.ub),
+        qp.W,
+        stance.load,
+        scheduled,
+        stance.touching,
+        friction,
     )
+    return vector
+
+
+@njit(cache=True)
+def _diagnosed(  # type: ignore[no-untyped-def]
+    x, torque, effort, solved, posed, W, load, scheduled, touching, friction
+):
+    """The packed diagnostics; bounds are pairs (lower, upper), of x as solved and as posed."""
+    joints = len(effort)
+    out = np.zeros(13 + 2 * joints)
+    for i in range(len(x)):
+        out[1] = max(out[1], solved[0][i] - x[i], x[i] - solved[1][i])
+    for j in range(joints):
+        lower, upper, size = posed[0][j], posed[1][j], abs(torque[j])
+        out[1] = max(out[1], size - effort[j])
+        out[2] = max(out[2], lower - x[j], x[j] - upper)
+        if size >= (1.0 - ACTIVE) * effort[j]:
+            out[5 + j] = np.sign(torque[j])
+        tolerance = ACTIVE * (upper - lower)
+        out[5 + joints + j] += 1.0 * (x[j] >= upper - tolerance) - (x[j] <= lower + tolerance)
+    tail, generator = out[5 + 2 * joints :].reshape((4, 2)), joints
+    for foot in range(2):
+        force = np.zeros(3)
+        for axis in range(3):
+            for g in range(W.shape[2]):
+                force[axis] += W[foot, axis, g] * x[joints + g]
+        bound, out[3 + foot] = max(abs(force[2]), LEAST_FORCE), friction
+        if force[2] > LEAST_FORCE:
+            out[3 + foot] -= np.hypot(force[0], force[1]) / bound
+            edge = (abs(force[0]) + abs(force[1])) / bound
+            tail[0, foot] = 1.0 * (edge >= (1.0 - ACTIVE) * friction)
+        for corner in range(4):
+            tail[2, foot] += 0.25 * scheduled[foot, corner]
+            if load[foot, corner] > 0.0:
+                normal = np.sum(x[generator : generator + GENERATORS])
+                tail[1, foot] += 0.25 * (normal <= ACTIVE)
+                generator += GENERATORS
+        tail[3, foot] = 1.0 * (touching[foot] > 0.0)
+    return out

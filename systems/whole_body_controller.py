@@ -34,11 +34,9 @@ from robomirror_drake.optimization.whole_body_control import (
     solve_with_retry,
 )
 from robomirror_drake.optimization.whole_body_diagnostics import (
-    Diagnostics,
-    diagnose,
     names,
     nothing,
-    unpack,
+    packed_diagnosis,
 )
 from robomirror_drake.optimization.whole_body_qp import (
     WholeBodyOptions,
@@ -81,10 +79,10 @@ class ControllerOptions(BaseModel):
 
 
 class _State(NamedTuple):
-    """The discrete state, unpacked."""
+    """The discrete state, unpacked; the diagnostics are still in one vector."""
 
     torque: Array
-    diagnostics: Diagnostics
+    diagnostics: Array
     acceleration: Array
     stance: Stance
 
@@ -147,7 +145,7 @@ class WholeBodyController(LeafSystem):
         )
         self.diagnostics_names = names(robot.joint_names)
         size = len(self.diagnostics_names)
-        self._split = np.cumsum([joints, size, nv])
+        self._split = (joints, joints + size, joints + size + nv)
         nothing_yet = np.zeros(self._split[-1])
         state = self.DeclareDiscreteState(np.append(nothing_yet, initial_stance().pack()))
         prerequisites = {self.discrete_state_ticket(state)}
@@ -192,11 +190,11 @@ class WholeBodyController(LeafSystem):
         return preview
 
     def _unpack(self, vector: Array) -> _State:
-        torque, diagnostics, acceleration, stance = np.split(vector.copy(), self._split)
-        return _State(torque, unpack(diagnostics), acceleration, Stance.unpack(stance))
+        a, b, c = self._split
+        return _State(vector[:a], vector[a:b], vector[b:c], Stance.unpack(vector[c:]))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        last = self._unpack(context.get_discrete_state_vector().value())
+        last = self._unpack(context.get_discrete_state_vector().value().copy())
         self._tick(context, last, discrete_state)
         return EventStatus.Succeeded()
 
@@ -211,17 +209,18 @@ class WholeBodyController(LeafSystem):
             solution, stance, rates = None, last.stance, np.zeros_like(rates)
         if solution is not None and solution.found:
             torque, acceleration = torque_from(solution), acceleration_from(solution)
-            diagnostics = diagnose(
+            diagnostics = packed_diagnosis(
                 tick.qp, solution, tick.scheduled, stance, self._model, self._options.qp.friction
             )
         else:
-            diagnostics = nothing(rates.size, float(last.diagnostics.qp_failures) + 1.0)
-            hold = diagnostics.qp_failures <= self._options.patience
+            failures = float(last.diagnostics[0]) + 1.0
+            diagnostics = nothing(rates.size, failures).pack()
+            hold = failures <= self._options.patience
             torque = last.torque if hold else -self._options.failure_damping * rates
             acceleration = np.zeros_like(last.acceleration)
-        torque = np.clip(torque, -self._model.effort, self._model.effort)
+        torque = np.minimum(np.maximum(torque, -self._model.effort), self._model.effort)
         discrete_state.get_mutable_vector().SetFromVector(
-            np.concatenate([torque, diagnostics.pack(), acceleration, stance.pack()])
+            np.concatenate([torque, diagnostics, acceleration, stance.pack()])
         )
 
     def _problem(self, context: Context, state: Array, last: _State) -> Tick:
@@ -252,8 +251,8 @@ class WholeBodyController(LeafSystem):
         output.SetFromVector(context.get_discrete_state_vector().value()[: self._split[0]])
 
     def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
-        last = self._unpack(context.get_discrete_state_vector().value())
-        output.SetFromVector(last.diagnostics.pack())
+        a, b, _ = self._split
+        output.SetFromVector(context.get_discrete_state_vector().value()[a:b])
 
     def _calc_reference_state(self, context: Context, output: BasicVector) -> None:
         now = context.get_time() - self._options.start
