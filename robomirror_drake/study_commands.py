@@ -46,6 +46,10 @@ def study(
     address: Annotated[
         str | None, typer.Option(help="Of a Ray cluster whose machines have this package.")
     ] = None,
+    screened: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a study of other weights or methods: what falls is known."),
+    ] = None,
     predictor: Annotated[
         str | None, typer.Option(help="Weights in place of the study's: a name, or a file.")
     ] = None,
@@ -89,6 +93,7 @@ def study(
             address=address,
             limit=limit,
             report=report,
+            screened_in=screened,
         )
     for fault in found.damaged:
         console.print(f"made anew: {fault}", style="yellow", markup=False, highlight=False)

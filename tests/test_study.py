@@ -349,6 +349,24 @@ def test_another_study_is_not_mixed_in(tmp_path):
         )
 
 
+def test_what_falls_is_taken_over_from_another_study(tmp_path):
+    whole = study(tmp_path / "s")
+    grid = Grid(methods=("none", "selection"), pool=(4,))
+    other = OPTIONS.model_copy(update={"grid": grid})
+    made: list[str] = []
+    found = study(tmp_path / "t", counted(made), options=other, screened_in=tmp_path / "s")
+    assert set(made) == {"compare"}
+    assert found.screened == whole.screened
+    with pytest.raises(InputError, match=r"end otherwise.*longest"):
+        study(
+            tmp_path / "u",
+            options=OPTIONS.model_copy(update={"longest": 5.0}),
+            screened_in=tmp_path / "s",
+        )
+    with pytest.raises(InputError, match="holds no study"):
+        study(tmp_path / "v", screened_in=tmp_path / "nowhere")
+
+
 DRIVER = """
 import sys, time
 from pathlib import Path

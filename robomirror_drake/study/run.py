@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from robomirror_drake.config import Scenario
-from robomirror_drake.dataset.folder import describe, locked
+from robomirror_drake.dataset.folder import describe, difference, locked
 from robomirror_drake.dataset.pool import Pool, here
 from robomirror_drake.dataset.prompts import Prompt, read_prompts, write_prompts
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.ppn.predictor import load_predictor
 from robomirror_drake.results import installed_versions
 from robomirror_drake.robot import load_robot
-from robomirror_drake.study.choose import choose, order_of
+from robomirror_drake.study.choose import Choice, choose, order_of
 from robomirror_drake.study.options import StudyOptions
 from robomirror_drake.study.records import RESULTS, SCREENED, Job, Row
 from robomirror_drake.study.store import Part, write_file
@@ -84,6 +85,7 @@ def run_study(
     address: str | None = None,
     limit: int | None = None,
     report: Report | None = None,
+    screened_in: Path | None = None,
     work: Work = Work(),  # noqa: B008 (a constant)
     weights: str | None = None,
 ) -> Study:
@@ -98,6 +100,8 @@ def run_study(
         address: Of a Ray cluster whose machines have this package; else this one works.
         limit: Commands of each kind, failing and succeeding, at most.
         report: Called after each command.
+        screened_in: Folder of a study in the same physics, from the same commands: how their own
+            motions end is taken from there.
         work: What is done for each.
         weights: Fingerprint of the predictor's; found out where None.
 
@@ -112,12 +116,15 @@ def run_study(
         "scenario": scenario.model_dump(mode="json", exclude={"command", "seed", "candidates"}),
         "commands": _fingerprint(one.model_dump_json() for one in prompts),
         "weights": weights or fingerprint(scenario),
+        "screening": _screening(options, scenario),
         "versions": installed_versions(),
     }
     tell = report or (lambda _words, _done, _total: None)
     damaged: list[str] = []
     with locked(folder), _mapping(workers, address) as mapped:
         describe(folder, "study.json", told, "study")
+        if screened_in is not None:
+            _take_over(screened_in, folder, told, damaged)
         jobs = [Job(n, prompt, options, scenario) for n, prompt in enumerate(prompts)]
         chosen, screened = _screen(jobs, folder, damaged, mapped, tell, work, limit)
         results = _compare(
@@ -150,20 +157,50 @@ def _screen(
         wanted if limit is None else min(wanted, limit)
         for wanted in (options.failing, options.succeeding)
     )
-    while True:
-        choice = choose(
-            order,
-            {n: row["state"] for n, row in found.items()},
-            failing,
-            succeeding,
-            options.patience,
-        )
-        have = len(choice.failing) + len(choice.succeeding)
+
+    def chosen() -> Choice:
+        states = {n: row["state"] for n, row in found.items()}
+        made = choose(order, states, failing, succeeding, options.patience)
+        have = len(made.failing) + len(made.succeeding)
         tell("looking for commands that fall", have, failing + succeeding)
-        if not choice.more:
-            return [*choice.failing, *choice.succeeding], found
+        return made
+
+    while (choice := chosen()).more:
         for job, row in mapped((jobs[n] for n in choice.more), work.screen, screening_failed):
             (found[job.number],) = part.write(job.number, [row])
+            chosen()
+    return [*choice.failing, *choice.succeeding], found
+
+
+def _screening(options: StudyOptions, scenario: Scenario) -> dict[str, Any]:
+    """All that decides how the own motion of a command ends."""
+    simulated = {"generator", "retargeter", "planner", "simulation", "robot"}
+    return {
+        "seed": options.seed,
+        "longest": options.longest,
+        "level": options.grid.levels[0].disturbance.model_dump(mode="json"),
+        "scenario": scenario.model_dump(mode="json", include=simulated),
+    }
+
+
+def _take_over(other: Path, folder: Path, told: Mapping[str, Any], damaged: list[str]) -> None:
+    """Copies how own motions ended in another study.
+
+    Raises:
+        InputError: There is no study, or of other physics or commands.
+    """
+    try:
+        there = json.loads((other / "study.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{other} holds no study: {error}") from error
+    pair = ({key: one.get(key) for key in ("commands", "screening")} for one in (there, told))
+    if found := difference(*(json.loads(json.dumps(part)) for part in pair)):
+        raise InputError(f"own motions end otherwise in the study of {other}: {found}")
+    part = Part(folder / "screened", SCREENED)
+    own = part.read(damaged)
+    for number, rows in Part(other / "screened", SCREENED).read(damaged, mend=False).items():
+        if number not in own:
+            part.write(number, rows)
 
 
 def _compare(

@@ -40,13 +40,15 @@ class Part:
         write_file(self.folder / f"{command:06d}.parquet", rows, self._columns)
         return [{column.name: row.get(column.name) for column in self._columns} for row in rows]
 
-    def read(self, damaged: list[str]) -> dict[int, list[Row]]:
-        """The rows of each command; what is left of a kill, or damaged, is removed.
+    def read(self, damaged: list[str], mend: bool = True) -> dict[int, list[Row]]:
+        """The rows of each command.
 
         Args:
             damaged: Where to put what was wrong.
+            mend: Whether to remove what is damaged or left of a kill; not in the folder of a
+                study that may be running.
         """
-        for partial in self.folder.glob(".*.partial"):
+        for partial in self.folder.glob(".*.partial") if mend else ():
             partial.unlink()
         found: dict[int, list[Row]] = {}
         for path in sorted(self.folder.glob("*.parquet")):
@@ -55,7 +57,8 @@ class Part:
                 found[int(path.stem)] = table.to_pylist()
             except (pa.ArrowException, OSError, ValueError) as error:
                 damaged.append(f"{path}: {error}")
-                path.unlink()
+                if mend:
+                    path.unlink()
         return found
 
 
