@@ -25,9 +25,9 @@ from robomirror_drake.optimization.whole_body_qp import (
     Targets,
     Tuning,
     build_qp,
-    solve_qp,
     without_joint_limits,
 )
+from robomirror_drake.optimization.whole_body_solvers import solve_qp
 
 _UNFELT = np.full((2, 3), np.nan)  # force on each foot where it is not measured
 

@@ -27,10 +27,10 @@ from robomirror_drake.optimization.whole_body_control import control_problem, sc
 from robomirror_drake.optimization.whole_body_qp import (
     Solver,
     WholeBodyOptions,
-    solve_qp,
     torque_from,
     tuning,
 )
+from robomirror_drake.optimization.whole_body_solvers import solve_qp
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout
 from robomirror_drake.simulation import SimulationOptions

@@ -26,11 +26,10 @@ from robomirror_drake.optimization.whole_body_qp import (
     WholeBodyOptions,
     acceleration_from,
     foot_wrench_from,
-    kkt_residual,
-    solve_qp,
     torque_from,
     tuning,
 )
+from robomirror_drake.optimization.whole_body_solvers import kkt_residual, solve_qp
 from robomirror_drake.outcome import evaluate
 from robomirror_drake.robot import FEET, Robot, load_robot
 from robomirror_drake.rollout import rollout, set_initial_state

@@ -8,6 +8,7 @@ from typing import get_args
 import numpy as np
 import pinocchio as pin
 import pytest
+import qpsolvers
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
@@ -28,12 +29,11 @@ from robomirror_drake.optimization.whole_body_qp import (
     acceleration_from,
     build_qp,
     foot_wrench_from,
-    kkt_residual,
-    solve_qp,
     torque_from,
     tuning,
     without_joint_limits,
 )
+from robomirror_drake.optimization.whole_body_solvers import kkt_residual, solve_qp
 from robomirror_drake.robot import FEET, Robot, load_robot
 
 OPTIONS = WholeBodyOptions()
@@ -184,6 +184,21 @@ def test_forces_stay_in_the_friction_cone_and_torques_within_limits(
         assert said.friction_margin.min() > -1e-6
         assert said.residual < 1e-5
         assert (qp.lb <= qp.ub).all()
+
+
+def test_daqp_gives_what_qpsolvers_makes_of_it(
+    robot: Robot, model: ControlModel, load: np.ndarray
+) -> None:
+    for seed in range(3):
+        terms, targets, _, _ = _problem(robot, model, load, seed, scale=0.1)
+        qp = build_qp(model, terms, targets, tuning(model, OPTIONS))
+        for problem in (qp, without_joint_limits(qp)):
+            ours = solve_qp(problem, "daqp")
+            same = qpsolvers.Problem(*problem[:4], None, None, *problem[4:6])
+            theirs = qpsolvers.solve_problem(same, "daqp", primal_tol=1e-7, iter_limit=500)
+            np.testing.assert_array_equal(ours.x, theirs.x)
+            np.testing.assert_array_equal(ours.z, theirs.z)
+            np.testing.assert_array_equal(ours.z_box, theirs.z_box)
 
 
 @pytest.mark.parametrize("solver", get_args(Solver))
