@@ -97,7 +97,8 @@ def _sentence(robot: Robot, made: Adaptation, own: RobotReference, allowed: floa
     begin = "C" + taken[1:] if made.how == "selected" else f"Nothing safe was found; {taken}"
     return (
         f"{begin} is done instead of the command's own motion: the predicted risk of a fall"
-        f" goes from {made.risk_before:.0%} to {made.risk:.0%}, allowed is {allowed:.0%}."
+        f" goes from {100.0 * made.risk_before:.0f} % to {100.0 * made.risk:.0f} %, allowed are"
+        f" {100.0 * allowed:.0f} %."
     )
 
 
