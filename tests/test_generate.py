@@ -148,3 +148,13 @@ def test_system_raises_errors_that_say_why(command: object, error: type[Exceptio
     generator.GetInputPort("command").FixValue(context, Value[object](command))
     with pytest.raises(error):
         generator.GetOutputPort("candidates").Eval(context)
+
+
+def test_vigour_makes_all_candidates_quicker_and_larger() -> None:
+    calm = generate("a person squats", 3, seed=2)
+    wild = generate("a person squats", 3, seed=2, options=GeneratorOptions(vigour=1.5))
+    for a, b in zip(calm, wild, strict=True):
+        assert b.duration < a.duration
+        assert b.style["tempo"] == pytest.approx(1.5 * a.style["tempo"])
+        assert b.style["amplitude"] == pytest.approx(1.5 * a.style["amplitude"])
+        assert b.style["mirrored"] == a.style["mirrored"]

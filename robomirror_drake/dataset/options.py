@@ -55,6 +55,9 @@ class DatasetOptions(BaseModel):
     longest: float = Field(
         60.0, gt=0.0, description="an execution is cut off there [s]; its plan is whole"
     )
+    vigour: Range[NonNegative] = Field(
+        (1.0, 1.0), description="of the generator, drawn for each command; see there"
+    )
     push_speed: Range[NonNegative] = Field(
         (0.1, 1.2), description="impulse of a push / mass of the robot [m/s]"
     )

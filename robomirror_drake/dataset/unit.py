@@ -101,11 +101,13 @@ def _references(
 ) -> Iterator[tuple[int, HumanMotion | None, RobotReference | StageFailure]]:
     """Number, motion and kinematic reference of each candidate, or why there is none."""
     count = job.options.per_prompt
-    seed = seed_of(stream(job.options, job.prompt.text))
+    rng = stream(job.options, job.prompt.text)
+    seed, vigour = seed_of(rng), float(rng.uniform(*job.options.vigour))
+    generator = job.scenario.generator.model_copy(update={"vigour": vigour})
     motions: tuple[HumanMotion | None, ...] = (None,) * count
     try:
         with clock.stage("generate"):
-            given = generate(job.prompt.text, count, seed, job.scenario.generator)
+            given = generate(job.prompt.text, count, seed, generator)
         motions = given
         with clock.stage("retarget"):
             results = retarget_batch(robot, given, options=job.scenario.retargeter)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -25,6 +25,12 @@ class GeneratorOptions(BaseModel):
     fps: float = Field(60.0, ge=20.0, le=240.0, description="Frames per second of the motions.")
     diversity: float = Field(
         1.0, ge=0.0, le=1.0, description="Spread of the style parameters, 0 for none at all."
+    )
+    vigour: float = Field(
+        1.0,
+        ge=0.3,
+        le=2.5,
+        description="Factor on tempo and size of what the composer does, on top of the words.",
     )
     source: SourceOptions = SourceOptions()
 
@@ -77,7 +83,7 @@ def check_request(n: int, seed: int) -> None:
 def _candidate(
     text: str, clauses: tuple[Clause, ...], index: int, seed: int, options: GeneratorOptions
 ) -> HumanMotion:
-    style = draw_style(seed, index, options.diversity)
+    style = vigorous(draw_style(seed, index, options.diversity), options.vigour)
     actions = "+".join(_named(clause, style) for clause in clauses)
     return HumanMotion(
         positions=compose(clauses, style, options.fps),
@@ -92,6 +98,16 @@ def _named(clause: Clause, style: Style) -> str:
     """The action, and the recording that it is played from."""
     clip = clip_of(clause, style)
     return clause.action if clip is None else f"{clause.action}(pybullet:{clip})"
+
+
+def vigorous(style: Style, vigour: float) -> Style:
+    """A style with a factor on tempo and size; steps, which are longer and quicker, share it."""
+    return replace(
+        style,
+        tempo=style.tempo * vigour,
+        amplitude=style.amplitude * vigour,
+        step_length=style.step_length * vigour**0.5,
+    )
 
 
 def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
