@@ -268,6 +268,17 @@ def test_order_depends_on_the_command_and_the_seed_alone():
             "transition_failed",
         ),
         (
+            {
+                "method": "closed_loop",
+                "pool": 8,
+                "stopped": True,
+                "fall_time_s": 3.0,
+                "since_s": 0.5,
+                "survivor": True,
+            },
+            "transition_failed",
+        ),
+        (
             {"method": "closed_loop_alone", "pool": None, "how": "kept", "since_s": None},
             "fall_unforeseen",
         ),
@@ -290,9 +301,9 @@ def test_files_hold_what_was_found(tmp_path):
         notes = results.schema.field(column.name).metadata
         assert notes[b"description"], column.name
     assert pq.read_table(tmp_path / "s" / "screened.parquet").to_pylist() == found.screened
-    failing = {row["prompt"] for row in found.results if row["set"] == "failing"}
-    assert len(failing) == 9
-    assert {one.text for one in read_prompts(tmp_path / "s" / "failing.csv")} == failing
+    compared = {row["prompt"] for row in found.results}
+    assert len(compared) == 12
+    assert {one.text for one in read_prompts(tmp_path / "s" / "commands.csv")} == compared
 
 
 def test_a_study_goes_on_where_it_ended(tmp_path):

@@ -37,7 +37,7 @@ def cause(row: Row) -> str:
     if method == "none":
         return "not_adapted"
     if method in CLOSED:
-        if row.get("stopped"):
+        if row.get("stopped") and row.get("fall_time_s") is None:
             return "stopped"
         since = row.get("since_s")
         if since is not None and since <= TRANSITION:

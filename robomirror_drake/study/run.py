@@ -134,8 +134,7 @@ def run_study(
         ordered = [screened[n] for n in sorted(screened)]
         write_file(folder / "screened.parquet", ordered, SCREENED)
         write_file(folder / "results.parquet", results, RESULTS)
-        falls = [prompts[n] for n in chosen if screened[n]["state"] == "fell"]
-        write_prompts(folder / "failing.csv", falls)
+        write_prompts(folder / "commands.csv", [prompts[n] for n in chosen])
     return Study(options, scenario, ordered, results, tuple(damaged))
 
 

@@ -6,7 +6,7 @@
 ``results/``           what the variants make of each command, a file a command
 ``screened.parquet``   all of the first, once the study is over
 ``results.parquet``    all of the second; a row a command and variant
-``failing.csv``        the commands whose own motion falls, to be given to another study
+``commands.csv``       the commands that were compared on, as ``prompts`` of another study
 ====================== ===================================================================
 """
 
