@@ -232,6 +232,9 @@ def _order(
     if falls[0] >= options.halting:
         order += [i for i in by_risk if i >= going]
     order += [i for i in better if i < going]
+    if done is not None and done[0].done and falls[0] < options.halting:
+        # Too little is at stake to give up what is meant.
+        order = [i for i in order if done[i].done]
     halts = [f"nothing goes on safely; P(fall) {falls[i]:.1%}" for i in range(going, len(falls))]
     return list(dict.fromkeys(order)), [*ranking.reasons, *halts]
 
