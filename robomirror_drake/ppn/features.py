@@ -181,7 +181,8 @@ def _asked(body: Body, links: Links, a: Tensor, contact: Tensor) -> _Asked:
 
 def _within(x: Tensor, reach: float) -> Tensor:
     """Vectors (…, n), shortened to a length where they are longer: alike from all sides."""
-    return x * (reach / x.norm(dim=-1, keepdim=True).clamp(min=reach))
+    length = torch.linalg.vector_norm(x, dim=-1, keepdim=True)
+    return x * (reach / length.clamp(min=reach))
 
 
 def _soles(body: Body, links: Links) -> Tensor:
