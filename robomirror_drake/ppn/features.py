@@ -182,7 +182,8 @@ def _asked(body: Body, links: Links, a: Tensor, contact: Tensor) -> _Asked:
 def _within(x: Tensor, reach: float) -> Tensor:
     """Vectors (…, n), shortened to a length where they are longer: alike from all sides."""
     length = torch.linalg.vector_norm(x, dim=-1, keepdim=True)
-    return x * (reach / length.clamp(min=reach))
+    share: Tensor = reach / length.clamp(min=reach)
+    return x * share
 
 
 def _soles(body: Body, links: Links) -> Tensor:
