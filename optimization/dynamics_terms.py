@@ -13,6 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.optimization.centroidal import frame_support
+from robomirror_drake.optimization.pinocchio_kernels import dynamics_in_world, motion_in_world
+from robomirror_drake.optimization.pinocchio_memory import Memory, memory_of
 from robomirror_drake.optimization.whole_body_collision import CollisionModel
 from robomirror_drake.robot import FEET, Robot
 
@@ -27,6 +30,8 @@ class ControlModel:
     Attributes:
         model: Pinocchio model.
         frames: Frame ids: pelvis, trunk, left sole, right sole.
+        arms: (4, 3) their origins in the axes of the joints that carry them [m].
+        support: (4, 29) which velocities move them.
         corners: (2, 4, 3) sole corners in the frames of the soles [m].
         damping: (29,) viscous friction, zero for the base [N·m·s/rad].
         effort: (23,) torque limits [N·m].
@@ -39,6 +44,8 @@ class ControlModel:
 
     model: pin.Model
     frames: tuple[int, int, int, int]
+    arms: Array
+    support: BoolArray
     corners: Array
     damping: Array
     effort: Array
@@ -65,14 +72,12 @@ def control_model(robot: Robot) -> ControlModel:
     damping = [joint.damping for joint in robot.spec.joints.values()]
     lower, upper = robot.position_limits
     trunk = robot.frame_id(robot.spec.keypoints["neck"].link)
+    frames = (robot.frame_id(robot.spec.base_link), trunk, soles[0], soles[1])
     return ControlModel(
         model=model,
-        frames=(
-            robot.frame_id(robot.spec.base_link),
-            trunk,
-            soles[0],
-            soles[1],
-        ),
+        frames=frames,
+        arms=np.array([model.frames[frame].placement.translation for frame in frames]),
+        support=frame_support(model, list(frames)),
         corners=robot.sole_corners - centers[:, None],
         damping=np.concatenate([np.zeros(6), damping]),
         effort=robot.effort_limits,
@@ -139,48 +144,38 @@ class DynamicsTerms(NamedTuple):
     rates: Array
 
 
-_WORLD = pin.LOCAL_WORLD_ALIGNED
+def memory(robot: ControlModel) -> Memory:
+    """Memory to work in, for :func:`task_motion` and :func:`dynamics_terms`."""
+    return memory_of(robot.model, robot.frames, robot.collision.links)
 
 
-def task_motion(robot: ControlModel, data: pin.Data, q: Array, v: Array, a: Array) -> TaskMotion:
+def task_motion(robot: ControlModel, memory: Memory, q: Array, v: Array, a: Array) -> TaskMotion:
     """Motion of the task frames, the centre of mass and the angular momentum.
 
     Args:
         robot: The model.
-        data: Scratch space of that model.
+        memory: To work in.
         q, v, a: (30,), (29,), (29,) in Pinocchio's order.
     """
-    model = robot.model
-    pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
-    pin.updateFramePlacements(model, data)
-    R, p = np.empty((4, 3, 3)), np.empty((4, 3))
-    velocity, acceleration = np.empty((4, 6)), np.empty((4, 6))
-    for row, frame in enumerate(robot.frames):
-        pose = data.oMf[frame]
-        R[row], p[row] = pose.rotation, pose.translation
-        velocity[row] = pin.getFrameVelocity(model, data, frame, _WORLD).vector
-        acceleration[row] = pin.getFrameClassicalAcceleration(model, data, frame, _WORLD).vector
-    momentum, rate = data.hg.vector, data.dhg.vector
-    com = np.empty((3, 3))
-    com[0], com[1], com[2] = data.com[0], momentum[:3] / robot.mass, rate[:3] / robot.mass
-    angular = np.empty((2, 3))
-    angular[0], angular[1] = momentum[3:], rate[3:]
-    return TaskMotion(com, angular, R, p, velocity, acceleration)
+    pin.computeCentroidalMomentumTimeVariation(robot.model, memory.data, q, v, a)
+    pin.updateFramePlacements(robot.model, memory.data)
+    return TaskMotion(*motion_in_world(memory.motion, robot.arms, robot.mass))
 
 
-def dynamics_terms(robot: ControlModel, data: pin.Data, q: Array, v: Array) -> DynamicsTerms:
+def dynamics_terms(robot: ControlModel, memory: Memory, q: Array, v: Array) -> DynamicsTerms:
     """All terms at a state.
 
     Args:
         robot: The model.
-        data: Scratch space of that model.
+        memory: To work in.
         q, v: (30,), (29,) in Pinocchio's order.
     """
-    model = robot.model
-    pin.computeAllTerms(model, data, q, v)
-    M, h, momentum = data.M.copy(), data.nle + robot.damping * v, data.Ag.copy()
-    J = np.empty((4, 6, model.nv))
-    motion = task_motion(robot, data, q, v, np.zeros(model.nv))
-    for row, frame in enumerate(robot.frames):
-        J[row] = pin.getFrameJacobian(model, data, frame, _WORLD)
+    data = memory.data
+    # In world axes this is where the Jacobians and the momentum matrix come from as well.
+    pin.crba(robot.model, data, q, pin.Convention.WORLD)
+    pin.nonLinearEffects(robot.model, data, q, v)
+    motion = task_motion(robot, memory, q, v, np.zeros(robot.model.nv))
+    M, h, momentum, J = dynamics_in_world(
+        memory.dynamics, motion.p, robot.support, robot.damping, v
+    )
     return DynamicsTerms(M, h, momentum, J, motion, q[7:], v[6:])

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 from pydantic import BaseModel, ConfigDict, Field
 
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization import centroidal
+from robomirror_drake.optimization.kinematics import act
+from robomirror_drake.optimization.pinocchio_kernels import cross
+from robomirror_drake.optimization.pinocchio_memory import Memory
 from robomirror_drake.optimization.plan_collision import CapsulePairs, pair_gap
 from robomirror_drake.robot import Robot
 
@@ -65,7 +67,7 @@ class ApartRows(NamedTuple):
 
 
 def apart_rows(
-    model: CollisionModel, data: pin.Data, rates: Array, options: CollisionOptions
+    model: CollisionModel, memory: Memory, rates: Array, options: CollisionOptions
 ) -> ApartRows:
     """Bounds that let no distance fall below the one that is kept.
 
@@ -75,49 +77,63 @@ def apart_rows(
 
     Args:
         model: The capsules.
-        data: Pinocchio's, after ``computeAllTerms`` and ``updateFramePlacements``.
+        memory: Pinocchio's, after :func:`.dynamics_terms.dynamics_terms`.
         rates: (23,) joint velocities.
         options: How links keep apart.
     """
-    poses = [data.oMf[link] for link in model.links]
-    capsules, T = model.capsules, options.response
-    distance, A = _near(
-        capsules.owner,
-        capsules.ends,
-        capsules.radius,
-        capsules.pairs,
-        np.array([pose.rotation for pose in poses]),
-        np.array([pose.translation for pose in poses]),
-        data.J,
-        model.support,
-        options.influence,
+    capsules = model.capsules
+    limits = (options.influence, options.distance, options.response, options.strongest)
+    return ApartRows(
+        *_near(
+            (capsules.owner, capsules.ends, capsules.radius, capsules.pairs),
+            *memory.links,
+            memory.dynamics.J,
+            model.support,
+            rates,
+            limits,
+        )
     )
-    b = -2.0 / T * (A @ rates) - (distance - options.distance) / T**2
-    return ApartRows(A, np.minimum(b, options.strongest))
 
 
 @njit(cache=True)
-def _near(owner, ends, radius, pairs, R, p, J, support, influence):  # type: ignore[no-untyped-def]
-    """Distances of the pairs that are near, and their derivatives by the joints."""
-    joints = J.shape[1] - 6
-    world = np.empty_like(ends)
+def _near(capsules, R, p, J, support, rates, limits):  # type: ignore[no-untyped-def]
+    """A and b of the pairs that are near."""
+    (owner, ends, radius, pairs), (influence, least, T, strongest) = capsules, limits
+    world, joints = np.empty_like(ends), len(rates)
+    middle, reach = np.empty((len(owner), 3)), np.empty(len(owner))
     for c in range(len(owner)):
         for side in range(2):
-            world[c, side] = R[owner[c]] @ ends[c, side] + p[owner[c]]
-    distance, A = np.empty(len(pairs)), np.zeros((len(pairs), joints))
-    normal, on_a, on_b = np.empty(3), np.empty(3), np.empty(3)
-    linear, angular = J[:3, 6:], J[3:, 6:]
+            act(R[owner[c]], p[owner[c]], ends[c, side], world[c, side])
+        square = 0.0
+        for i in range(3):
+            middle[c, i] = 0.5 * (world[c, 0, i] + world[c, 1, i])
+            square += (world[c, 0, i] - middle[c, i]) ** 2
+        reach[c] = np.sqrt(square) + radius[c]
+    A, b = np.zeros((len(pairs), joints)), np.empty(len(pairs))
+    normal, arm, points = np.empty(3), np.empty(3), np.empty((2, 3))
     count = 0
-    for a, b in pairs:
-        gap = pair_gap(world, radius, a, b, normal, on_a, on_b)
+    for pair in range(len(pairs)):
+        first, second = pairs[pair]
+        square = 0.0
+        for i in range(3):
+            square += (middle[first, i] - middle[second, i]) ** 2
+        if square > (reach[first] + reach[second] + influence) ** 2:
+            continue  # balls around the capsules are far from each other already
+        gap = pair_gap(world, radius, first, second, normal, points[0], points[1])
         if gap >= influence:
             continue
-        distance[count] = gap
-        for link, point, sign in ((owner[a], on_a, 1.0), (owner[b], on_b, -1.0)):
-            arm = np.cross(point, normal)
+        closing = 0.0
+        for side in range(2):
+            link = owner[first] if side == 0 else owner[second]
+            cross(points[side], normal, arm)
             for joint in range(joints):
                 if support[link, 6 + joint]:
-                    along = np.sum(normal * linear[:, joint]) + np.sum(arm * angular[:, joint])
-                    A[count, joint] += sign * along
+                    along = 0.0
+                    for i in range(3):
+                        along += normal[i] * J[i, 6 + joint] + arm[i] * J[3 + i, 6 + joint]
+                    along *= 1.0 - 2.0 * side
+                    A[count, joint] += along
+                    closing += along * rates[joint]
+        b[count] = min(-2.0 / T * closing - (gap - least) / T**2, strongest)
         count += 1
-    return distance[:count], A[:count]
+    return A[:count], b[:count]

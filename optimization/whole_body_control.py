@@ -9,7 +9,13 @@ import pinocchio as pin
 from numba import njit
 
 from robomirror_drake.messages import Array, BoolArray
-from robomirror_drake.optimization.dynamics_terms import ControlModel, dynamics_terms, task_motion
+from robomirror_drake.optimization.dynamics_terms import (
+    ControlModel,
+    dynamics_terms,
+    memory,
+    task_motion,
+)
+from robomirror_drake.optimization.pinocchio_memory import Memory
 from robomirror_drake.optimization.preview import NO_PREVIEW, Preview, steered
 from robomirror_drake.optimization.reference_trajectory import (
     ReferenceTrajectory,
@@ -33,10 +39,10 @@ _UNFELT = np.full((2, 3), np.nan)  # force on each foot where it is not measured
 
 
 class Scratch(NamedTuple):
-    """Memory that Pinocchio works in; every use overwrites what it reads."""
+    """Memory that Pinocchio works in, for the robot and for the reference."""
 
-    robot: pin.Data
-    reference: pin.Data
+    robot: Memory
+    reference: Memory
 
 
 class Tick(NamedTuple):
@@ -55,7 +61,7 @@ class Tick(NamedTuple):
 
 def scratch(robot: ControlModel) -> Scratch:
     """Scratch memory for a robot."""
-    return Scratch(robot.model.createData(), robot.model.createData())
+    return Scratch(memory(robot), memory(robot))
 
 
 def predicted(
@@ -75,7 +81,7 @@ def predicted(
 
 def control_problem(
     robot: ControlModel,
-    memory: Scratch,
+    room: Scratch,
     tuned: Tuning,
     q: Array,
     v: Array,
@@ -90,7 +96,7 @@ def control_problem(
 
     Args:
         robot: The model.
-        memory: From :func:`scratch`.
+        room: From :func:`scratch`, to work in.
         tuned: Weights and gains.
         q, v: (30,), (29,) the robot's state, Pinocchio's order.
         trajectory: What to follow.
@@ -100,9 +106,9 @@ def control_problem(
         foot_force: (2, 3) of the ground on each foot, in world [N], where it is measured.
         preview: Feedback of centre of mass and angular momentum, in place of their fixed gains.
     """
-    terms = dynamics_terms(robot, memory.robot, q, v)
+    terms = dynamics_terms(robot, room.robot, q, v)
     wanted = sample_reference(trajectory, time, tuned.options.contact_ramp)
-    motion = task_motion(robot, memory.reference, wanted.q, wanted.v, wanted.a)
+    motion = task_motion(robot, room.reference, wanted.q, wanted.v, wanted.a)
     stance, target = _followed(
         last,
         terms.motion,
@@ -126,7 +132,7 @@ def control_problem(
         planned=trajectory.planned,
         anchor=stance.anchor,
     )
-    apart = apart_rows(robot.collision, memory.robot, terms.rates, tuned.options.collision)
+    apart = apart_rows(robot.collision, room.robot, terms.rates, tuned.options.collision)
     return Tick(build_qp(robot, terms, targets, tuned, apart), stance, wanted.load > 0.0)
 
 

@@ -25,14 +25,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.dynamics_terms import ControlModel, DynamicsTerms, TaskMotion
 from robomirror_drake.optimization.step_adjustment import StepLimits, StepOptions
+from robomirror_drake.optimization.whole_body_assembly import Scalars, assemble
 from robomirror_drake.optimization.whole_body_collision import ApartRows, CollisionOptions
-from robomirror_drake.optimization.whole_body_kernels import (
-    contact_generators,
-    cost,
-    eliminate_base,
-    joint_bounds,
-    task_rows,
-)
 
 Solver = Literal["daqp", "osqp", "proxqp", "quadprog", "piqp"]
 
@@ -162,6 +156,7 @@ class Tuning(NamedTuple):
         posture: (23,) weight of each joint's own tracking.
         lower: (23,) joint limits that are kept to, with knees bent [rad].
         steps: Where a foot in swing may be moved to.
+        scalars: Weights, gains and limits that are one number each.
     """
 
     options: WholeBodyOptions
@@ -169,6 +164,7 @@ class Tuning(NamedTuple):
     posture: Array
     lower: Array
     steps: StepLimits
+    scalars: Scalars
 
 
 def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
@@ -187,7 +183,8 @@ def tuning(robot: ControlModel, options: WholeBodyOptions) -> Tuning:
     posture = np.array([weights[limb] for limb in robot.limbs])
     bent = np.maximum(robot.lower, options.min_knee)
     lower = np.where(robot.knees, bent, robot.lower)
-    return Tuning(options, gains, posture, lower, options.step.limits())
+    scalars = Scalars(*(getattr(options, name) for name in Scalars._fields))
+    return Tuning(options, gains, posture, lower, options.step.limits(), scalars)
 
 
 def build_qp(
@@ -206,68 +203,18 @@ def build_qp(
         tuned: Weights and gains.
         apart: Bounds that keep links apart; None if there are none.
     """
-    options, motion, wanted = tuned.options, terms.motion, targets.motion
-    W, cap = contact_generators(
-        motion.R[2:], robot.corners, targets.load, options.friction, options.corner_force
-    )
-    N, n, S, s = eliminate_base(terms.M, terms.h, terms.J[2:], W)
-    T, t, w = task_rows(
+    nothing = np.empty((0, robot.effort.size)), np.empty(0)
+    matrices = assemble(
         tuned.gains,
-        terms.momentum,
-        terms.J,
-        robot.mass,
-        *motion,
-        *wanted,
-        robot.corners,
-        targets.load,
-        targets.anchor,
-        options.swing_feedback,
-    )
-    posture = (
-        targets.a
-        + options.posture_stiffness * (targets.q - terms.joints)
-        + options.posture_damping * (targets.v - terms.rates)
-    )
-    P, q = cost(
-        T,
-        t,
-        w,
-        N,
-        n,
         tuned.posture,
-        posture,
-        W,
-        targets.force,
-        options.planned_force if targets.planned else 0.0,
-        options.acceleration_cost,
-        options.force_cost,
+        (tuned.lower, robot.upper, robot.effort),
+        tuned.scalars,
+        (robot.corners, robot.mass),
+        terms,
+        targets,
+        nothing if apart is None else (apart.A, apart.b),
     )
-    low, high = joint_bounds(
-        terms.joints,
-        terms.rates,
-        tuned.lower,
-        robot.upper,
-        options.limit_horizon,
-        options.acceleration_limit,
-    )
-    G, h = np.concatenate([S, -S]), np.concatenate([robot.effort - s, robot.effort + s])
-    if apart is not None and apart.b.size:
-        keep = np.zeros((apart.b.size, q.size))
-        keep[:, : low.size] = -apart.A
-        G, h = np.concatenate([G, keep]), np.concatenate([h, -apart.b])
-    return QP(
-        P=P,
-        q=q,
-        G=G,
-        h=h,
-        lb=np.concatenate([low, np.zeros_like(cap)]),
-        ub=np.concatenate([high, cap]),
-        N=N,
-        n=n,
-        S=S,
-        s=s,
-        W=W,
-    )
+    return QP(*matrices)
 
 
 def without_joint_limits(qp: QP) -> QP:

@@ -12,7 +12,12 @@ import numpy as np
 
 from robomirror_drake.exceptions import BenchError
 from robomirror_drake.messages import Array, Execution, RobotReference
-from robomirror_drake.optimization.dynamics_terms import TaskMotion, control_model, task_motion
+from robomirror_drake.optimization.dynamics_terms import (
+    TaskMotion,
+    control_model,
+    memory,
+    task_motion,
+)
 from robomirror_drake.optimization.reference_trajectory import (
     ReferenceSample,
     reference_trajectory,
@@ -84,7 +89,7 @@ def _given(
     """All that the peer is told, by the names under which it reads it."""
     options = WholeBodyOptions()
     model = control_model(robot)
-    tuned, scratch = tuning(model, options), model.model.createData()
+    tuned, scratch = tuning(model, options), memory(model)
     trajectory = reference_trajectory(robot, reference)
     wanted: list[ReferenceSample] = []
     motion: list[TaskMotion] = []

@@ -12,7 +12,7 @@ from scipy.linalg import solve_discrete_are
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.optimization.centroidal_motion import centroidal_motion
-from robomirror_drake.optimization.dynamics_terms import control_model, task_motion
+from robomirror_drake.optimization.dynamics_terms import control_model, memory, task_motion
 from robomirror_drake.optimization.plan_contacts import ConeOptions, wrench_cones
 from robomirror_drake.optimization.preview import (
     Preview,
@@ -165,7 +165,7 @@ def test_nothing_moves_the_centre_of_mass_in_flight(robot: Robot, stand: RobotRe
 
 def test_steering_agrees_with_the_law(robot: Robot, preview: Preview) -> None:
     model = control_model(robot)
-    data = model.model.createData()
+    data = memory(model)
     q = robot.to_pinocchio(robot.standing)
     wanted = task_motion(model, data, q, np.zeros(29), np.zeros(29))
     pushed = pin.integrate(model.model, q, np.full(29, 0.01))

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from robomirror_drake.messages import Array, RobotReference
-from robomirror_drake.optimization.dynamics_terms import control_model
+from robomirror_drake.optimization.dynamics_terms import control_model, dynamics_terms, memory
 from robomirror_drake.optimization.plan_collision import gaps
 from robomirror_drake.optimization.whole_body_collision import CollisionOptions, apart_rows
 from robomirror_drake.robot import load_robot
@@ -32,11 +32,11 @@ def test_rows_are_the_derivatives_of_the_near_distances(seed: int) -> None:
     q = ROBOT.to_pinocchio(ROBOT.standing)
     q[7:] = rng.uniform(CONTROL.lower, CONTROL.upper)
     way, step = rng.standard_normal(23), 1e-6
-    data = CONTROL.model.createData()
-    pin.computeAllTerms(CONTROL.model, data, q, np.zeros(29))
-    pin.updateFramePlacements(CONTROL.model, data)
+    room = memory(CONTROL)
+    dynamics_terms(CONTROL, room, q, np.zeros(29))
+    rates = rng.standard_normal(23)
     options = CollisionOptions(influence=0.3)
-    rows = apart_rows(CONTROL.collision, data, np.zeros(23), options)
+    rows = apart_rows(CONTROL.collision, room, rates, options)
     ahead, behind = q.copy(), q.copy()
     ahead[7:] += step * way
     behind[7:] -= step * way
@@ -45,6 +45,7 @@ def test_rows_are_the_derivatives_of_the_near_distances(seed: int) -> None:
     assert near.sum() > 3
     np.testing.assert_allclose(rows.A @ way, expected, atol=1e-5)
     bound = -(_distances(q)[near] - options.distance) / options.response**2
+    bound -= 2.0 / options.response * (rows.A @ rates)
     np.testing.assert_allclose(rows.b, np.minimum(bound, options.strongest), rtol=1e-9)
 
 

@@ -18,6 +18,7 @@ from robomirror_drake.optimization.dynamics_terms import (
     DynamicsTerms,
     control_model,
     dynamics_terms,
+    memory,
     task_motion,
 )
 from robomirror_drake.optimization.stance import Stance
@@ -64,10 +65,10 @@ def _problem(
     """A state near standing, asked to stand, with a planned wrench."""
     rng = np.random.default_rng(seed)
     q, v = _state(robot, rng, scale)
-    terms = dynamics_terms(model, model.model.createData(), q, v)
+    terms = dynamics_terms(model, memory(model), q, v)
     stand = robot.to_pinocchio(robot.standing)
     zero = np.zeros(29)
-    motion = task_motion(model, model.model.createData(), stand, zero, zero)
+    motion = task_motion(model, memory(model), stand, zero, zero)
     force = np.zeros((2, 6))
     force[:, 2] = 300.0
     targets = Targets(
@@ -92,9 +93,9 @@ def test_tasks_accelerate_as_their_terms_say(robot: Robot, model: ControlModel) 
     rng = np.random.default_rng(1)
     q, v = _state(robot, rng, 0.1)
     a = rng.standard_normal(29)
-    terms = dynamics_terms(model, model.model.createData(), q, v)
+    terms = dynamics_terms(model, memory(model), q, v)
     h = 1e-6
-    data = model.model.createData()
+    data = memory(model)
     before, after = (
         task_motion(
             model, data, pin.integrate(model.model, q, v * s + a * s * s / 2), v + a * s, 0 * a
@@ -238,7 +239,7 @@ def test_infeasible_and_absurd_problems_are_reported_and_not_raised(
     assert not broken.found
     for size in (1e3, 1e6, 1e12):
         q, _ = _state(robot, np.random.default_rng(6), 0.1)
-        wild = dynamics_terms(model, model.model.createData(), q, np.full(29, size))
+        wild = dynamics_terms(model, memory(model), q, np.full(29, size))
         solution = solve_qp(build_qp(model, wild, targets, tuned), "daqp")
         assert np.isfinite(solution.x).all()
 
