@@ -17,6 +17,13 @@ def cross(a, b, out):
 
 
 @njit(cache=True)
+def turn(R, x, out):
+    """A vector (3,) turned by a rotation (3, 3) into another one."""
+    for i in range(3):
+        out[i] = R[i, 0] * x[0] + R[i, 1] * x[1] + R[i, 2] * x[2]
+
+
+@njit(cache=True)
 def motion_in_world(seen, arms, mass):
     """The fields of :class:`.dynamics_terms.TaskMotion`, of what Pinocchio wrote.
 

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from robomirror_drake.optimization.task_kernels import task_rows
 from robomirror_drake.optimization.whole_body_kernels import (
     contact_generators,
     cost,
     eliminate_base,
     joint_bounds,
-    task_rows,
 )
 
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from robomirror_drake.optimization.pinocchio_kernels import cross, turn
+
 GENERATORS = 4
 """Edges of the friction pyramid in each corner."""
 
@@ -14,59 +16,10 @@ FORCE_UNIT = 100.0
 """Normal force of a generator at 1 [N]; brings forces and accelerations to one magnitude."""
 
 
-FLOOR = 0.005
-"""Height below which a foot of the reference is on the floor [m]."""
-
-PIVOTING = 1.0
-"""Rate of turning from which on a foot on the floor pivots altogether [rad/s]."""
-
-PIVOT_STIFFNESS = 200.0
-"""With which it follows the reference's then [1/s²]."""
-
-
 @njit(cache=True)
-def rotation_error(R_ref, R):
-    """(3,) rotation vector in world axes that turns R into R_ref; zero where it is ambiguous."""
-    E = R_ref @ R.T
-    axis = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
-    sine = np.sqrt(np.sum(axis * axis))
-    if sine < 1e-9:
-        return axis
-    return axis * (np.arctan2(sine, 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)) / sine)
-
-
-@njit(cache=True)
-def _shift_matrix(J, v, a, r):
-    """Jacobian, velocity, acceleration of the point at r (world axes) of a moving frame."""
-    J, v, a = J.copy(), v.copy(), a.copy()
-    for c in range(J.shape[1]):
-        J[0, c] += J[4, c] * r[2] - J[5, c] * r[1]
-        J[1, c] += J[5, c] * r[0] - J[3, c] * r[2]
-        J[2, c] += J[3, c] * r[1] - J[4, c] * r[0]
-    omega = v[3:].copy()
-    spin = np.cross(omega, r)
-    v[:3] += spin
-    a[:3] += np.cross(a[3:], r) + np.cross(omega, spin)
-    return J, v, a
-
-
-@njit(cache=True)
-def _slide(p, v, a, r, error):
-    """Velocity (6,) over the floor of a foot at its point p + r, acceleration (6,) to follow it.
-
-    Zero for a foot in the air: what it does there is nothing for one that stands already.
-    One that pivots or slides makes good its error (6,), one that stands does not.
-    """
-    slide_v, slide_a = np.zeros(6), np.zeros(6)
-    if p[2] + r[2] < FLOOR:
-        spin = np.cross(v[3:], r)
-        slide_v[:2] = (v[:3] + spin)[:2]
-        slide_a[:2] = (a[:3] + np.cross(a[3:], r) + np.cross(v[3:], spin))[:2]
-        slide_v[5], slide_a[5] = v[5], a[5]
-        moving = min(1.0, abs(v[5]) / PIVOTING)
-        slide_a[:2] += moving * PIVOT_STIFFNESS * error[:2]
-        slide_a[5] += moving * PIVOT_STIFFNESS * error[5]
-    return slide_v, slide_a
+def finite(vector):
+    """Whether all of a vector's elements are finite numbers."""
+    return np.isfinite(vector).all()
 
 
 @njit(cache=True)
@@ -77,104 +30,28 @@ def contact_generators(R, corners, load, friction, corner_force):
         (2, 6, g) wrench about each sole's centre [force, moment] of a unit generator,
         (g,) the most that each may bear.
     """
-    count = GENERATORS * int(np.sum(load > 0.0))
+    count = 0
+    for foot in range(2):
+        for corner in range(4):
+            count += GENERATORS * (load[foot, corner] > 0.0)
     W, cap = np.zeros((2, 6, count)), np.empty(count)
+    r, force, moment = np.empty(3), np.empty(3), np.empty(3)
     g = 0
     for foot in range(2):
         for corner in range(4):
             if load[foot, corner] <= 0.0:
                 continue
-            r = R[foot] @ corners[foot, corner]
+            turn(R[foot], corners[foot, corner], r)
             for edge in range(GENERATORS):
-                d = np.array([0.0, 0.0, 1.0])
-                d[edge // 2] = friction * (1.0 - 2.0 * (edge % 2))
-                W[foot, :3, g] = FORCE_UNIT * d
-                W[foot, 3:, g] = FORCE_UNIT * np.cross(r, d)
+                force[0] = force[1] = 0.0
+                force[edge // 2] = FORCE_UNIT * friction * (1.0 - 2.0 * (edge % 2))
+                force[2] = FORCE_UNIT
+                cross(r, force, moment)
+                for i in range(3):
+                    W[foot, i, g], W[foot, 3 + i, g] = force[i], moment[i]
                 cap[g] = load[foot, corner] * corner_force / FORCE_UNIT
                 g += 1
     return W, cap
-
-
-@njit(cache=True)
-def task_rows(
-    gains, momentum, J, mass, com, angular, R, p, v, a,
-    ref_com, ref_angular, ref_R, ref_p, ref_v, ref_a,
-    corners, load, anchor, swing_limit,
-):  # fmt: skip
-    """The tasks as rows ``T q̈ = t`` with weights.
-
-    Rows: centre of mass 3, angular momentum 3, pelvis 3, trunk 3, left foot 6, right
-    foot 6. A foot's linear rows are those of the middle of its loaded corners, or of
-    its sole's centre in swing. A foot that stands moves as the reference's over the floor,
-    which is not at all unless it pivots.
-    """
-    T, t, w = np.empty((24, J.shape[2])), np.empty(24), np.empty(24)
-    T[:3] = momentum[:3] / mass
-    T[3:6] = momentum[3:]
-    for i in range(3):
-        weight, stiffness, damping = gains[1 if i == 2 else 0]
-        w[i] = weight
-        t[i] = (
-            ref_com[2, i]
-            - com[2, i]
-            + stiffness * (ref_com[0, i] - com[0, i])
-            + damping * (ref_com[1, i] - com[1, i])
-        )
-    weight, stiffness, damping = gains[2]
-    w[3:6] = weight
-    t[3:6] = ref_angular[1] - angular[1] + damping * (ref_angular[0] - angular[0])
-    for k in range(2):
-        rows = slice(6 + 3 * k, 9 + 3 * k)
-        weight, stiffness, damping = gains[3 + k]
-        T[rows] = J[k, 3:]
-        w[rows] = weight
-        t[rows] = (
-            ref_a[k, 3:]
-            - a[k, 3:]
-            + stiffness * rotation_error(ref_R[k], R[k])
-            + damping * (ref_v[k, 3:] - v[k, 3:])
-        )
-    for foot in range(2):
-        k = 2 + foot
-        first = 12 + 6 * foot
-        linear, turning = slice(first, first + 3), slice(first + 3, first + 6)
-        middle, loaded = np.zeros(3), 0
-        for corner in range(4):
-            if load[foot, corner] > 0.0:
-                middle += corners[foot, corner]
-                loaded += 1
-        if loaded > 0:
-            middle /= loaded
-        r = R[k] @ middle
-        J_k, v_k, a_k = _shift_matrix(J[k], v[k], a[k], r)
-        T[first : first + 6] = J_k
-        ref_r = ref_R[k] @ middle
-        away = np.concatenate((ref_p[k] + ref_r - p[k] - r, rotation_error(ref_R[k], R[k])))
-        slide_v, slide_a = _slide(ref_p[k], ref_v[k], ref_a[k], ref_r, away)
-        weight, stiffness, damping = gains[6 if loaded > 0 else 5]
-        w[linear] = weight
-        if loaded > 0:
-            error = anchor[foot] - p[k] - r
-            t[linear] = (
-                stiffness * error + damping * (slide_v[:3] - v_k[:3]) + slide_a[:3] - a_k[:3]
-            )
-        else:
-            error = ref_p[k] - p[k]
-            rate = ref_v[k, :3] - v_k[:3]
-            feedback = stiffness * error + damping * rate
-            feedback *= min(1.0, swing_limit / max(np.sqrt(np.sum(feedback**2)), 1e-9))
-            t[linear] = ref_a[k, :3] - a_k[:3] + feedback
-        weight, stiffness, damping = gains[6 if loaded == 4 else 5]
-        w[turning] = weight
-        if loaded == 4:
-            tilt = np.array([R[k][1, 2], -R[k][0, 2], 0.0])  # turns the sole's normal upright
-            t[turning] = stiffness * tilt - damping * v_k[3:] - a_k[3:]
-            t[first + 5] += damping * slide_v[5] + slide_a[5]
-        else:
-            error = rotation_error(ref_R[k], R[k])
-            rate = ref_v[k, 3:] - v_k[3:]
-            t[turning] = ref_a[k, 3:] - a_k[3:] + stiffness * error + damping * rate
-    return T, t, w
 
 
 @njit(cache=True)

@@ -15,6 +15,7 @@ from scipy.linalg import solve_triangular
 from scipy.sparse import csc_matrix, identity
 
 from robomirror_drake.messages import Array
+from robomirror_drake.optimization.whole_body_kernels import finite
 from robomirror_drake.optimization.whole_body_qp import QP, Solution, Solver
 
 _TOLERANCES: dict[str, dict[str, Any]] = {
@@ -49,9 +50,8 @@ def solve_qp(qp: QP, solver: Solver) -> Solution:
     An infeasible problem, one that is not finite, and a solver that gives up all give
     ``found = False``; nothing is raised.
     """
-    nothing = Solution(False, np.zeros_like(qp.q), np.zeros_like(qp.h), np.zeros_like(qp.q), qp)
-    if not (np.isfinite(qp.q).all() and np.isfinite(qp.h).all() and np.isfinite(qp.P).all()):
-        return nothing
+    if not (finite(qp.q) and finite(qp.h) and finite(qp.P.ravel())):
+        return _unsolved(qp)
     try:
         if solver == "daqp":
             x, z, z_box = _solve_daqp(qp)
@@ -61,8 +61,12 @@ def solve_qp(qp: QP, solver: Solver) -> Solution:
             problem = qpsolvers.Problem(qp.P, qp.q, qp.G, qp.h, None, None, qp.lb, qp.ub)
             x, z, z_box = _solve(problem, solver)
     except (ValueError, ArithmeticError, np.linalg.LinAlgError, qpsolvers.SolverError):
-        return nothing
-    return Solution(True, x, z, z_box, qp) if np.isfinite(x).all() else nothing
+        return _unsolved(qp)
+    return Solution(True, x, z, z_box, qp) if finite(x) else _unsolved(qp)
+
+
+def _unsolved(qp: QP) -> Solution:
+    return Solution(False, np.zeros_like(qp.q), np.zeros_like(qp.h), np.zeros_like(qp.q), qp)
 
 
 def _solve_daqp(qp: QP) -> tuple[Array, Array, Array]:

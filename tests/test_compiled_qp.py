@@ -13,6 +13,7 @@ from robomirror_drake.optimization.dynamics_terms import (
     control_model,
 )
 from robomirror_drake.optimization.stance import Stance, initial_stance
+from robomirror_drake.optimization.task_kernels import task_rows
 from robomirror_drake.optimization.whole_body_collision import ApartRows
 from robomirror_drake.optimization.whole_body_diagnostics import (
     ACTIVE,
@@ -23,7 +24,6 @@ from robomirror_drake.optimization.whole_body_diagnostics import (
 from robomirror_drake.optimization.whole_body_kernels import (
     FORCE_UNIT,
     contact_generators,
-    task_rows,
 )
 from robomirror_drake.optimization.whole_body_qp import (
     QP,
