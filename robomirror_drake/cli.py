@@ -59,9 +59,6 @@ bench = typer.Typer(help="Measure a stage; beside a peer where there is one.", n
 app.add_typer(bench, name="bench")
 app.add_typer(generator_app, name="generator")
 app.add_typer(dataset_app, name="dataset")
-app.command()(train)
-app.command()(evaluate)
-app.command()(study)
 
 Method = Literal["none", "selection", "optimisation", "selection_optimisation"]
 
@@ -273,6 +270,11 @@ def survey(
     if interrupted:
         console.print(f"interrupted: {len(rows)} of {len(tasks) * seeds} executions are done")
         raise typer.Exit(130)
+
+
+app.command()(train)
+app.command()(evaluate)
+app.command()(study)
 
 
 @bench.command("retarget")
