@@ -22,7 +22,11 @@ class AdaptationOptions(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Method = Field("none", description="what may be done")
-    predictor: str = Field("ppn_1s", description="weights in assets/ppn, or a path")
+    predictor: str = Field(
+        "ppn_1s_without_state",
+        description="weights in assets/ppn, or a path; of whole motions one knows no state but the"
+        " first, and a network that expects to see how a fall begins takes them for safe",
+    )
     every: float = Field(0.5, gt=0.0, le=10.0, description="between windows that are judged [s]")
     optimised: int = Field(2, ge=1, le=64, description="candidates that are changed, at most")
     ranking: RankingOptions = RankingOptions()
