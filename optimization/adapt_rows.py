@@ -106,7 +106,7 @@ def make_limits(robot: Robot, legs: Legs, command: Samples, options: AdaptOption
         command: Samples of the command.
         options: Shares of the limits.
     """
-    lower, upper = robot.position_limits
+    lower, upper = (limit.copy() for limit in robot.position_limits)
     joints = command.q[:, 7:]
     knees = legs.chain[:, KNEE] - 1
     straight = np.maximum(lower[knees], options.knee_min)

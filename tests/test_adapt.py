@@ -235,3 +235,11 @@ def test_a_judge_out_of_its_mind_is_refused() -> None:
 def test_ceiling() -> None:
     assert fall_ceiling(AdaptOptions(safe=0.9)) == pytest.approx(np.log(0.1 / 0.9))
     assert adapt(ROBOT, [], Formula()) == []
+
+
+def test_the_robots_own_limits_stay_as_they_are() -> None:
+    before = [limit.copy() for limit in ROBOT.position_limits]
+    small()
+    for now, was in zip(ROBOT.position_limits, before, strict=True):
+        assert np.isfinite(now).all()
+        np.testing.assert_array_equal(now, was)
