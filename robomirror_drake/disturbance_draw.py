@@ -12,6 +12,7 @@ import math
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+import pinocchio as pin
 
 from robomirror_drake.disturbance import (
     DisturbanceOptions,
@@ -126,25 +127,14 @@ def measured(state: Array, noise: SensorNoise, seed: int, tick: int) -> Array:
     rng = stream_rng(seed, "sensors", tick)
     drawn = rng.standard_normal(6 + 2 * joints)
     seen = state.copy()
-    seen[:4] = _turned(state[:4].tolist(), (noise.orientation * drawn[:3]).tolist())
+    seen[:4] = _turned(state[:4], noise.orientation * drawn[:3])
     seen[7 : 7 + joints] += noise.joint_position * drawn[6 : 6 + joints]
     seen[7 + joints : 10 + joints] += noise.angular_velocity * drawn[3:6]
     seen[13 + joints :] += noise.joint_velocity * drawn[6 + joints :]
     return seen
 
 
-def _turned(quaternion: list[float], by: list[float]) -> tuple[float, float, float, float]:
-    """A quaternion wxyz turned by a rotation vector of its own frame.
-
-    In plain numbers: at every tick there is one of them, for which arrays take ten times as long.
-    """
-    w, x, y, z = quaternion
-    angle = math.hypot(*by)
-    share = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-    c, (i, j, k) = math.cos(0.5 * angle), (share * part for part in by)
-    return (
-        w * c - x * i - y * j - z * k,
-        w * i + x * c + y * k - z * j,
-        w * j + y * c + z * i - x * k,
-        w * k + z * c + x * j - y * i,
-    )
+def _turned(quaternion: Array, by: Array) -> Array:
+    """(4,) a quaternion wxyz turned by a rotation vector (3,) of its own frame."""
+    turned = pin.Quaternion(*quaternion) * pin.Quaternion(pin.exp3_quat(by))
+    return np.asarray(turned.coeffs()[[3, 0, 1, 2]])  # xyzw in Pinocchio
