@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from robomirror_drake.messages import Array, BoolArray, RobotReference
-from robomirror_drake.optimization.floating_base import continuous
+from robomirror_drake.optimization.floating_base import continuous, product
 from robomirror_drake.optimization.plan_frames import Frames, soles
 from robomirror_drake.robot import Robot
 
@@ -70,21 +70,18 @@ class ReferenceSample(NamedTuple):
 
 def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTrajectory:
     """Prepares a reference for :func:`sample_reference`."""
-    q = robot.to_pinocchio(continuous(reference.q))
-    v = robot.v_to_pinocchio(reference.q, reference.v)
-    a = robot.a_to_pinocchio(reference.q, reference.v, reference.a)
-    qdot = np.concatenate(
-        [reference.v[:, 3:6], _quaternion_rate(q[:, 3:7], v[:, 3:6]), v[:, 6:]], 1
-    )
+    q = continuous(reference.q)
+    omega = np.pad(reference.v[:, :3], ((0, 0), (1, 0)))  # in world, as a quaternion
+    qdot = np.hstack([0.5 * product(omega, q[:, :4]), reference.v[:, 3:]])
     assert reference.foot_force is not None  # always set by the message itself
     contact = reference.contact & (corner_heights(robot, reference.q) < AIRBORNE)
     on, off = _contact_times(reference.time, contact)
     return ReferenceTrajectory(
         time=reference.time,
-        q=q,
-        qdot=qdot,
-        v=v,
-        a=a,
+        q=robot.to_pinocchio(q),
+        qdot=robot.to_pinocchio(qdot),
+        v=robot.v_to_pinocchio(reference.q, reference.v),
+        a=robot.a_to_pinocchio(reference.q, reference.v, reference.a),
         force=np.roll(reference.foot_force, 3, axis=-1),
         on=on,
         off=off,
@@ -96,13 +93,6 @@ def reference_trajectory(robot: Robot, reference: RobotReference) -> ReferenceTr
 def corner_heights(robot: Robot, q: Array) -> Array:
     """(T, 2, 4) heights of the soles' corners at configurations (T, 30) in Drake's order [m]."""
     return soles(Frames.of(robot).points_of(robot, q))[..., 2]
-
-
-def _quaternion_rate(quaternion: Array, omega: Array) -> Array:
-    """(T, 4) time derivative of quaternions xyzw, ½ q ⊗ ω with ω (T, 3) in the body's frame."""
-    vector, scalar = quaternion[:, :3], quaternion[:, 3:]
-    rate = scalar * omega + np.cross(vector, omega)
-    return 0.5 * np.concatenate([rate, -np.sum(vector * omega, axis=1, keepdims=True)], axis=1)
 
 
 def _contact_times(time: Array, contact: BoolArray) -> tuple[Array, Array]:
