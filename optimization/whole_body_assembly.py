@@ -44,7 +44,7 @@ def assemble(gains, posture, limits, scalars, robot, terms, targets, apart):
         robot: (2, 4, 3) sole corners in the frames of the soles [m], mass [kg].
         terms: The robot's DynamicsTerms.
         targets: What is asked for, :class:`.whole_body_qp.Targets`.
-        apart: (k, 23), (k,) A and b of :class:`.whole_body_collision.ApartRows`.
+        apart: What keeps links apart, :class:`.whole_body_collision.ApartRows`.
     """
     (lower, upper, effort), (corners, mass), (A, b) = limits, robot, apart
     at, wanted = terms.motion, targets.motion

@@ -203,7 +203,8 @@ def build_qp(
         tuned: Weights and gains.
         apart: Bounds that keep links apart; None if there are none.
     """
-    nothing = np.empty((0, robot.effort.size)), np.empty(0)
+    if apart is None:
+        apart = ApartRows(np.empty((0, robot.effort.size)), np.empty(0))
     matrices = assemble(
         tuned.gains,
         tuned.posture,
@@ -212,7 +213,7 @@ def build_qp(
         (robot.corners, robot.mass),
         terms,
         targets,
-        nothing if apart is None else (apart.A, apart.b),
+        apart,
     )
     return QP(*matrices)
 
