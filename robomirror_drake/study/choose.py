@@ -11,8 +11,6 @@ from collections.abc import Mapping, Sequence
 from itertools import chain, zip_longest
 from typing import NamedTuple
 
-import numpy as np
-
 from robomirror_drake.dataset.prompts import Prompt
 
 Order = Mapping[str, Sequence[int]]
@@ -110,9 +108,3 @@ def _shares(wanted: int, there: Mapping[str, int]) -> dict[str, int]:
         least = min(open_, key=lambda name: share[name])
         share[least] += 1
     return share
-
-
-def balanced(numbers: Sequence[int], prompts: Sequence[Prompt]) -> dict[str, int]:
-    """How many of these commands are of each group."""
-    groups, count = np.unique([prompts[n].group for n in numbers], return_counts=True)
-    return dict(zip(map(str, groups), map(int, count), strict=True))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from typing import Any, Final, NamedTuple
 
 import pyarrow as pa
@@ -122,19 +123,12 @@ def about(job: Job) -> Row:
 
 def of_variant(variant: Variant) -> Row:
     """A variant as columns."""
-    return {
-        "method": variant.method,
-        "level": variant.level,
-        "t_safe": variant.t_safe,
-        "pool": variant.pool,
-        "variables": variant.variables,
-        "qp_solver": variant.qp_solver,
-    }
+    return asdict(variant)
 
 
-def variant_of(row: Row) -> Variant:
+def variant_of(row: Mapping[str, Any]) -> Variant:
     """The variant that a row is of."""
-    return Variant(**{name: row[name] for name in of_variant(Variant("", ""))})
+    return Variant(**{field.name: row[field.name] for field in fields(Variant)})
 
 
 def encode(rows: Sequence[Row], columns: Sequence[Column]) -> bytes:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from robomirror_drake.config import Scenario
 from robomirror_drake.dataset.folder import describe, difference, locked
@@ -28,7 +28,6 @@ from robomirror_drake.study.unit import (
     screening_failed,
 )
 
-M = TypeVar("M")
 Map = Callable[
     [Iterable[Job], Callable[[Job], Any], Callable[[Job, BaseException], Any]],
     Iterator[tuple[Job, Any]],

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
+from robomirror_drake.learning.metrics import interval
 from robomirror_drake.messages import Array
 from robomirror_drake.study.options import Variant
 from robomirror_drake.study.records import CAUSES, Row, variant_of
@@ -35,10 +36,10 @@ def summarise(study: Study) -> Figures:
         which: {row["command"]: row["group"] for row in study.results if row["set"] == which}
         for which in ("failing", "succeeding")
     }
-    methods = [
-        of_variant(variant, [row for row in study.results if variant_of(row) == variant])
-        for variant in dict.fromkeys(map(variant_of, study.results))
-    ]
+    of: dict[Variant, list[Row]] = {}
+    for row in study.results:
+        of.setdefault(variant_of(row), []).append(row)
+    methods = [of_variant(variant, rows) for variant, rows in of.items()]
     return {
         "scenario": study.options.scenario,
         "seed": study.options.seed,
@@ -52,7 +53,7 @@ def summarise(study: Study) -> Figures:
             },
         },
         "methods": methods,
-        "best": _best(study.results, methods),
+        "best": _best(of, methods),
     }
 
 
@@ -120,8 +121,7 @@ def _bootstrap(values: Array, of: Array) -> list[float]:
     weight = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=DRAWS)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = (weight @ values) / (weight @ of)
-    known = ratio[np.isfinite(ratio)]
-    return [float(x) for x in np.percentile(known, [2.5, 97.5])]
+    return interval(ratio)
 
 
 def _shares(rows: Sequence[Row]) -> Figures:
@@ -153,7 +153,9 @@ def _succeeding(rows: Sequence[Row]) -> Figures:
     }
 
 
-def _best(rows: Sequence[Row], methods: Sequence[Mapping[str, Any]]) -> Figures | None:
+def _best(
+    of: Mapping[Variant, Sequence[Row]], methods: Sequence[Mapping[str, Any]]
+) -> Figures | None:
     """The method that saves most, and how many times as many as a random candidate."""
     open_ = [
         m for m in methods if m["method"] not in ("none", "random", "oracle") and m["commands"]
@@ -161,7 +163,7 @@ def _best(rows: Sequence[Row], methods: Sequence[Mapping[str, Any]]) -> Figures 
     if not open_:
         return None
     best = max(open_, key=lambda method: method["saved"])
-    variant = Variant(**{name: best[name] for name in asdict(Variant("", ""))})
+    variant = variant_of(best)
     found = {"variant": asdict(variant), "saved": best["saved"]}
     chance = next(
         (
@@ -175,8 +177,7 @@ def _best(rows: Sequence[Row], methods: Sequence[Mapping[str, Any]]) -> Figures 
     )
     if chance is None:
         return found | {"times_random": None, "times_random_interval": None}
-    other = Variant(**{name: chance[name] for name in asdict(Variant("", ""))})
-    pairs = [_saved(rows, one) for one in (variant, other)]
+    pairs = [_saved(of[one]) for one in (variant, variant_of(chance))]
     common = sorted(pairs[0].keys() & pairs[1].keys())
     mine, theirs = (np.array([pair[n] for n in common], dtype=np.float64) for pair in pairs)
     if not theirs.sum():
@@ -187,12 +188,8 @@ def _best(rows: Sequence[Row], methods: Sequence[Mapping[str, Any]]) -> Figures 
     }
 
 
-def _saved(rows: Sequence[Row], variant: Variant) -> dict[int, float]:
-    return {
-        row["command"]: row["saved"]
-        for row in rows
-        if row["set"] == "failing" and variant_of(row) == variant
-    }
+def _saved(rows: Sequence[Row]) -> dict[int, float]:
+    return {row["command"]: row["saved"] for row in rows if row["set"] == "failing"}
 
 
 def _median(values: Any) -> float | None:
