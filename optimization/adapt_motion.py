@@ -16,7 +16,7 @@ from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.optimization import rotations
 from robomirror_drake.optimization.adapt_legs import Legs, solve_legs
 from robomirror_drake.optimization.adapt_path import LINKS, MotionPath, PathPoint
-from robomirror_drake.optimization.adapt_variables import TWISTS, Layout
+from robomirror_drake.optimization.adapt_variables import TWISTS, Layout, stacked
 from robomirror_drake.optimization.centroidal import cross_matrix
 from robomirror_drake.optimization.floating_base import product
 from robomirror_drake.optimization.kinematics import body_poses
@@ -103,12 +103,10 @@ def sample(
     if not derivatives:
         return made
     J_l = rotations.left_jacobian(phi)
-    slope = np.empty((len(tau), TWISTS + path.upper))
     linear = at.position[1] + alpha * at.excursion[1] + beta * at.way[1]
     linear = linear + shown * rate[1] + change * moved
     spin = (J_l @ (alpha * at.turn[1] + rate[0])[..., None] + turn @ at.spin[..., None])[..., 0]
-    slope[:, :TWISTS] = np.concatenate([spin, linear], axis=2).reshape(-1, TWISTS)
-    slope[:, TWISTS:] = at.upper[1] + alpha * at.bend[1] + rate[2]
+    slope = stacked(spin, linear, at.upper[1] + alpha * at.bend[1] + rate[2])
     Y = _coordinates(layout, at, J_l, weights[0], slope * by_sigma[:, None])
     loading = np.zeros((len(tau), 2, layout.size))
     if "tempo" in layout.blocks:
@@ -154,12 +152,9 @@ def _coordinates(
             Y[:, :, column] = by_sigma
         elif name == "amplitude":
             spin = (J_l @ at.turn[0][..., None])[..., 0]
-            links = np.concatenate([spin, at.excursion[0]], axis=2)
-            Y[:, :TWISTS, column] = links.reshape(-1, TWISTS)
-            Y[:, TWISTS:, column] = at.bend[0]
+            Y[:, :, column] = stacked(spin, at.excursion[0], at.bend[0])
         elif name == "stride":
-            links = np.concatenate([np.zeros_like(at.way[0]), at.way[0]], axis=2)
-            Y[:, :TWISTS, column] = links.reshape(-1, TWISTS)
+            Y[:, :, column] = stacked(0.0 * at.way[0], at.way[0], 0.0 * at.bend[0])
         else:
             columns = layout.columns[name]
             for i, y in enumerate(columns):

@@ -73,11 +73,6 @@ class Layout(NamedTuple):
         )
         return sigma, alpha, beta
 
-    def offsets(self, name: Variable, z: Array) -> Array:
-        """(K, C) control points of a block's offsets."""
-        free = (z * self.scale)[self.blocks[name]]
-        return np.asarray(self.tie @ free.reshape(self.tie.shape[1], -1))
-
     def basis(self, tau: Array) -> tuple[Array, Array, Array]:
         """(N, F) weights of the free control points at times (N,), and their derivatives."""
         made = spline.basis(tau, self.spacing, len(self.tie))
@@ -106,8 +101,8 @@ def make_layout(path: MotionPath, options: AdaptOptions) -> Layout:
         "stride": (bounds.stride - 1.0, 0.1),
     }
     directions = {
-        "amplitude": _twist(point.turn[0], point.excursion[0], point.bend[0]),
-        "stride": _twist(np.zeros_like(point.turn[0]), point.way[0], 0.0 * point.bend[0]),
+        "amplitude": stacked(point.turn[0], point.excursion[0], point.bend[0]),
+        "stride": stacked(np.zeros_like(point.turn[0]), point.way[0], 0.0 * point.bend[0]),
     }
     units = {"tempo": scales.tempo, "amplitude": _UNIT, "stride": _UNIT}
     blocks: dict[Variable, slice] = {}
@@ -146,8 +141,8 @@ def make_layout(path: MotionPath, options: AdaptOptions) -> Layout:
     return layout._replace(hessian=_hessian(layout, options, tau, point.swing[0], directions))
 
 
-def _twist(turn: Array, position: Array, bend: Array) -> Array:
-    """(P, Y) coordinates of links (P, 3, 3), twice, and upper joints (P, U)."""
+def stacked(turn: Array, position: Array, bend: Array) -> Array:
+    """(P, Y) coordinates, or rates of them, of links (P, 3, 3), twice, and upper joints (P, U)."""
     return np.hstack([np.concatenate([turn, position], axis=2).reshape(len(turn), -1), bend])
 
 
@@ -182,12 +177,8 @@ def _hessian(
                 cross = shown.T @ directions[other][:, y] / unit[y] ** 2 / len(tau)
                 H[own, layout.blocks[other].start] = H[layout.blocks[other].start, own] = cross
     H *= layout.scale[:, None] * layout.scale
-    for name, cost in (
-        ("tempo", scales.tempo),
-        ("amplitude", scales.amplitude),
-        ("stride", scales.stride),
-    ):
+    for name in GLOBAL:
         if name in layout.blocks:
             i = layout.blocks[name].start
-            H[i, i] += (layout.scale[i] / cost) ** 2
+            H[i, i] += (layout.scale[i] / getattr(scales, name)) ** 2
     return H + 1e-4 * np.eye(layout.size)
