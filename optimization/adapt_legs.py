@@ -20,7 +20,7 @@ from numba import njit
 
 from robomirror_drake.exceptions import RobotModelError
 from robomirror_drake.messages import Array
-from robomirror_drake.optimization.kinematics import Indices, Tree, make_points, make_tree
+from robomirror_drake.optimization.kinematics import Indices, Points, Tree, make_points, make_tree
 from robomirror_drake.robot import FEET, Robot
 
 LEG, KNEE = 6, 3
@@ -38,13 +38,13 @@ class Legs(NamedTuple):
         chain: (2, 6) bodies of each leg, hip first; the last is the foot. Body b is moved by
             joint b − 1.
         upper: (U,) joints that are in no leg.
-        corners: (2, 4, 3) sole corners in the feet's bodies [m].
+        corners: The 8 sole corners, left foot first.
     """
 
     tree: Tree
     chain: Indices
     upper: Indices
-    corners: Array
+    corners: Points
 
 
 def make_legs(robot: Robot) -> Legs:
@@ -71,7 +71,7 @@ def make_legs(robot: Robot) -> Legs:
         chains.append(chain)
     made = np.array(chains, dtype=np.int64)
     rest = np.setdiff1d(np.arange(len(tree.parent) - 1), made - 1)
-    return Legs(tree, made, rest, points.local.reshape(2, 4, 3))
+    return Legs(tree, made, rest, points)
 
 
 def solve_legs(
@@ -137,7 +137,7 @@ def _solve(tree, chains, base_R, base_p, foot_R, foot_p, joints, miss):  # type:
                 _place(tree, chains[leg], base_R[t], base_p[t], joints[t], R, axes, origins, p)
                 _error(R, p, foot_R[t, leg], foot_p[t, leg], error)
                 miss[t, leg] = np.sqrt(np.sum(error**2))
-                if miss[t, leg] ** 2 < _SOLVED**2:
+                if miss[t, leg] < _SOLVED:
                     break
                 for i in range(6):
                     for r in range(3):

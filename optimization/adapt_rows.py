@@ -31,7 +31,7 @@ from robomirror_drake.optimization.adapt_legs import KNEE, Legs
 from robomirror_drake.optimization.adapt_motion import Samples
 from robomirror_drake.optimization.adapt_options import AdaptOptions
 from robomirror_drake.optimization.centroidal import GRAVITY
-from robomirror_drake.optimization.kinematics import Indices, body_poses
+from robomirror_drake.optimization.kinematics import Indices, body_poses, positions
 from robomirror_drake.robot import Robot
 
 Slope = Callable[[Indices, Indices], Array]
@@ -225,9 +225,7 @@ def _lengths(legs: Legs, angle: Array) -> Array:
 
 def _corners(legs: Legs, samples: Samples) -> Array:
     """(N, 2, 4, 3) sole corners in world [m]."""
-    feet = legs.chain[:, -1]
-    turned = np.einsum("nfij,fcj->nfci", samples.rotation[:, feet], legs.corners)
-    return np.asarray(turned + samples.origin[:, feet, None])
+    return positions(legs.corners, samples.rotation, samples.origin).reshape(-1, 2, 4, 3)
 
 
 def _by_height(legs: Legs, samples: Samples, corners: Array, n: Indices, k: Indices) -> Array:

@@ -84,7 +84,7 @@ def solve_step(
     layout, size = problem.layout, len(point.z)
     low = np.maximum(layout.lower - point.z, -radius)
     high = np.minimum(layout.upper - point.z, radius)
-    G, h, owner = [point.by_logit[None], -point.by_goals], [], []
+    G = [point.by_logit[None], -point.by_goals]
     h = [np.array([problem.ceiling - point.logit]), point.goals]
     owner = [np.arange(1 + len(point.goals))]
     picked: list[tuple[int, float, npt.NDArray[np.intp]]] = []
