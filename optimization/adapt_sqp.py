@@ -99,11 +99,9 @@ def solve(
     Returns:
         A solution for each start, in order.
     """
-    first = [(start.problem, np.zeros(start.problem.layout.size)) for start in starts]
     begun = [(start.problem, _reachable(start)) for start in starts]
     points = _judge_all(judge, begun, history)
-    away = any(z.any() for _, z in begun)
-    commands = _judge_all(judge, first, history, derivatives=False) if away else points
+    commands = _commands(judge, points, begun, history)
     states = [
         _State(s.problem, point, s.problem.layout.hessian, options.radius, options.penalty)
         for s, point in zip(starts, points, strict=True)
@@ -124,8 +122,10 @@ def solve(
     # Prices of the last point, and whether it is one to stop at.
     states = [s if s.done else _settled(s, _step(s, options), options) for s in states]
     return [
-        Solution(s.problem, first, s.point, s.multipliers, s.iterations, s.converged)
-        for s, first in zip(states, commands, strict=True)
+        Solution(
+            s.problem, commands[id(s.problem)], s.point, s.multipliers, s.iterations, s.converged
+        )
+        for s in states
     ]
 
 
@@ -140,6 +140,19 @@ def _judge_all(
     """Judged points of problems."""
     points = [evaluate(problem, z, derivatives=derivatives) for problem, z in wanted]
     return judged(judge, [problem for problem, _ in wanted], points, history)
+
+
+def _commands(
+    judge: Judge, points: Sequence[Point], begun: Sequence[tuple[Problem, Array]], history: Any
+) -> dict[int, Point]:
+    """The judged command of each problem, by its id; a start at the command is one already."""
+    made = {id(p): point for (p, z), point in zip(begun, points, strict=True) if not z.any()}
+    others = {id(p): p for p, _ in begun if id(p) not in made}
+    if others:
+        wanted = [(p, np.zeros(p.layout.size)) for p in others.values()]
+        asked = _judge_all(judge, wanted, history, derivatives=False)
+        made |= zip(others, asked, strict=True)
+    return made
 
 
 def _reachable(start: Start) -> Array:
