@@ -8,8 +8,17 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from robomirror_drake.figures import DONE, FAULT, TOLD, styled
-from robomirror_drake.messages import Array, Execution, Foresight, Outcome, RobotReference
+from robomirror_drake.figures import (
+    DONE,
+    FAULT,
+    TOLD,
+    cross,
+    events,
+    from_above,
+    line,
+    styled,
+)
+from robomirror_drake.messages import Execution, Foresight, Outcome, RobotReference
 from robomirror_drake.motion_measures import Measure, courses
 from robomirror_drake.robot import Robot
 
@@ -39,20 +48,11 @@ def paths(
         ends.append(original)
     lines.append(("as adapted, executed", execution.q, DONE, "solid"))
     for name, q, color, dash in lines:
-        line = {"color": color, "dash": dash, "width": 2.5}
-        figure.add_scatter(x=q[:, 4], y=q[:, 5], name=name, mode="lines", line=line)
+        style = {"color": color, "dash": dash, "width": 2.5}
+        figure.add_scatter(x=q[:, 4], y=q[:, 5], name=name, mode="lines", line=style)
     for done, end in ends:
-        if end.fall_time_s is not None:
-            x, y = done.q[np.searchsorted(done.time, end.fall_time_s), 4:6]
-            marker = {"color": FAULT, "symbol": "x", "size": 13}
-            figure.add_scatter(x=[x], y=[y], name="fall", mode="markers", marker=marker)
-    every = np.concatenate([q[:, 4:6] for _, q, _, _ in lines])
-    low, high = every.min(axis=0), every.max(axis=0)
-    half = max(0.25, 0.55 * float(np.max(high - low)))
-    x, y = 0.5 * (low + high)
-    figure.update_xaxes(title="x [m]", range=[x - half, x + half])
-    figure.update_yaxes(title="y [m]", range=[y - half, y + half], scaleanchor="x", scaleratio=1)
-    return styled(figure, height=440, top=70)
+        cross(figure, done, end)
+    return styled(from_above(figure, [q for _, q, _, _ in lines]), height=440, top=70)
 
 
 def risks(
@@ -79,9 +79,9 @@ def risks(
             ("foreseen before it moved", seen.beforehand, TOLD, "dot"),
             ("foreseen on the way", seen.underway, DONE, "solid"),
         ):
-            line = {"color": color, "dash": dash, "width": 2.2}
+            style = {"color": color, "dash": dash, "width": 2.2}
             figure.add_scatter(
-                x=seen.time, y=y, name=name, mode="lines", line=line,
+                x=seen.time, y=y, name=name, mode="lines", line=style,
                 showlegend=row == 1, legendgroup=name, row=row, col=1,
             )  # fmt: skip
         figure.add_hline(allowed, line={"color": FAULT, "width": 1, "dash": "dash"}, row=row, col=1)
@@ -90,15 +90,11 @@ def risks(
             figure.add_vrect(
                 begins, outcome.fall_time_s, fillcolor=HAPPENS, line_width=0, row=row, col=1
             )
-            line = {"color": FAULT, "width": 1.5}
-            figure.add_vline(outcome.fall_time_s, line=line, row=row, col=1)
-        if 0.0 < execution.motion_end < execution.time[-1]:
-            line = {"color": TOLD, "width": 1}
-            figure.add_vline(execution.motion_end, line=line, row=row, col=1)
+        events(figure, execution, outcome, row)
         figure.update_yaxes(title="P(fall)", range=[-0.03, 1.03], row=row, col=1)
     for start in handovers:
-        line = {"color": HANDOVER, "width": 1.5, "dash": "dashdot"}
-        figure.add_vline(start, line=line, row=len(curves), col=1)
+        style = {"color": HANDOVER, "width": 1.5, "dash": "dashdot"}
+        figure.add_vline(start, line=style, row=len(curves), col=1)
     figure.update_xaxes(range=[0.0, last])
     figure.update_xaxes(title="time [s]", row=len(curves), col=1)
     figure.update_annotations(font={"size": 13})
@@ -133,26 +129,8 @@ def over_time(robot: Robot, own: RobotReference, commanded: RobotReference) -> g
             ("as commanded", own.time, was[name], OWN),
             ("as adapted", commanded.time, now[name], DONE),
         ):
-            _line(figure, time, y, label, color, row, col, legend=number == 0)
+            line(figure, time, y, label, color, row, col, legend=number == 0)
     for col in (1, 2):
         figure.update_xaxes(title="time [s]", row=2, col=col)
     figure.update_annotations(font={"size": 13})
     return styled(figure, height=420, top=60)
-
-
-def _line(
-    figure: go.Figure,
-    x: Array,
-    y: Array,
-    name: str,
-    color: str,
-    row: int,
-    col: int,
-    *,
-    legend: bool,
-) -> None:
-    figure.add_scatter(
-        x=x.astype(np.float32), y=y.astype(np.float32), name=name, mode="lines",
-        line={"color": color, "width": 1.8}, showlegend=legend, legendgroup=name,
-        row=row, col=col,
-    )  # fmt: skip

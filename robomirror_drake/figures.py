@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -58,35 +58,45 @@ def root_path(execution: Execution, outcome: Outcome) -> go.Figure:
             mode="markers",
             marker={"color": DONE, "symbol": symbol, "size": 9},
         )
+    cross(figure, execution, outcome)
+    return styled(from_above(figure, (execution.q, execution.q_ref)), height=440)
+
+
+def cross(figure: go.Figure, execution: Execution, outcome: Outcome) -> None:
+    """Marks where the root was when the robot fell, seen from above; nothing if it did not."""
     if outcome.fall_time_s is not None:
         x, y = execution.q[np.searchsorted(execution.time, outcome.fall_time_s), 4:6]
         marker = {"color": FAULT, "symbol": "x", "size": 13}
         figure.add_scatter(x=[x], y=[y], name="fall", mode="markers", marker=marker)
-    path = np.concatenate([execution.q[:, 4:6], execution.q_ref[:, 4:6]])
-    low, high = path.min(axis=0), path.max(axis=0)
+
+
+def from_above(figure: go.Figure, motions: Sequence[Array]) -> go.Figure:
+    """Axes x and y of one scale, with room for the roots of motions (T, 30)."""
+    every = np.concatenate([q[:, 4:6] for q in motions])
+    low, high = every.min(axis=0), every.max(axis=0)
     half = max(0.25, 0.55 * float(np.max(high - low)))  # a robot on the spot stays a point
     x, y = 0.5 * (low + high)
     figure.update_xaxes(title="x [m]", range=[x - half, x + half])
     figure.update_yaxes(title="y [m]", range=[y - half, y + half], scaleanchor="x", scaleratio=1)
-    return styled(figure, height=440)
+    return figure
 
 
 def root_errors(execution: Execution, outcome: Outcome) -> go.Figure:
     """Height of the root, its distance from the reference, and the lean, over time."""
     t, q, q_ref = execution.time, execution.q, execution.q_ref
     figure = make_subplots(rows=3, shared_xaxes=True, vertical_spacing=0.05)
-    _line(figure, t, q_ref[:, 6], "reference", TOLD, row=1, dash="dot")
-    _line(figure, t, q[:, 6], "executed", DONE, row=1)
+    line(figure, t, q_ref[:, 6], "reference", TOLD, row=1, dash="dot")
+    line(figure, t, q[:, 6], "executed", DONE, row=1)
     _limit(figure, t, q_ref[:, 6] - HEIGHT_DROP, row=1)
-    _line(figure, t, np.linalg.norm(q[:, 4:7] - q_ref[:, 4:7], axis=1), "distance", DONE, row=2)
-    _line(figure, t, np.rad2deg(lean_angle(q[:, :4], q_ref[:, :4])), "lean", DONE, row=3)
+    line(figure, t, np.linalg.norm(q[:, 4:7] - q_ref[:, 4:7], axis=1), "distance", DONE, row=2)
+    line(figure, t, np.rad2deg(lean_angle(q[:, :4], q_ref[:, :4])), "lean", DONE, row=3)
     _limit(figure, t, np.full(len(t), np.rad2deg(LEAN)), row=3)
     for row, title in enumerate(("height [m]", "distance [m]", "lean [°]"), start=1):
         figure.update_yaxes(title=title, row=row)
     figure.update_yaxes(rangemode="tozero", exponentformat="none", row=2)
     figure.update_yaxes(rangemode="tozero", row=3)
     figure.update_xaxes(title="time [s]", row=3)
-    return styled(_events(figure, execution, outcome), height=440, legend=False)
+    return styled(events(figure, execution, outcome), height=440, legend=False)
 
 
 def contacts(execution: Execution, reference: RobotReference, outcome: Outcome) -> go.Figure:
@@ -101,18 +111,16 @@ def contacts(execution: Execution, reference: RobotReference, outcome: Outcome) 
         for part, corners in parts:
             loaded = np.asarray(execution.contact_ref[:, foot, corners].any(axis=1))
             _bar(figure, t, loaded, f"{side} {part}", color)
-        _line(
-            figure, t, execution.foot_force[:, foot, 2], f"{side} foot", color, row=2, legend=True
-        )
+        line(figure, t, execution.foot_force[:, foot, 2], f"{side} foot", color, row=2, legend=True)
         if reference.planned and reference.foot_force is not None:
             planned = reference.foot_force[own, foot, 5]
             name = f"{side}, planned"
-            _line(figure, reference.time[own], planned, name, color, row=2, dash="dot", legend=True)
-    _line(figure, t, execution.other_force, "other links", FAULT, row=2, legend=True)
+            line(figure, reference.time[own], planned, name, color, row=2, dash="dot", legend=True)
+    line(figure, t, execution.other_force, "other links", FAULT, row=2, legend=True)
     figure.update_yaxes(autorange="reversed", row=1)
     figure.update_yaxes(title="ground force [N]", range=[-0.05 * highest, 1.25 * highest], row=2)
     figure.update_xaxes(title="time [s]", row=2)
-    return styled(_events(figure, execution, outcome), height=460)
+    return styled(events(figure, execution, outcome), height=460)
 
 
 def joint_angles(
@@ -127,8 +135,8 @@ def joint_angles(
             ("executed", execution.q, DONE, "solid"),
         ):
             y, shown = q[:, 7 + column], number == 0
-            _line(figure, execution.time, y, name, color, row, col, dash=dash, legend=shown)
-    return _finished_grid(_events(figure, execution, outcome), len(names), "angle [rad]")
+            line(figure, execution.time, y, name, color, row, col, dash=dash, legend=shown)
+    return _finished_grid(events(figure, execution, outcome), len(names), "angle [rad]")
 
 
 def joint_torques(
@@ -144,10 +152,10 @@ def joint_torques(
     for number, column in enumerate(columns):
         row, col = _cell(number)
         y, shown = execution.torque[:, column], number == 0
-        _line(figure, execution.time, y, "torque", DONE, row, col, legend=shown)
+        line(figure, execution.time, y, "torque", DONE, row, col, legend=shown)
         for sign in (-1.0, 1.0):
             _limit(figure, ends, np.full(2, sign * effort_limit[column]), row, col)
-    return _finished_grid(_events(figure, execution, outcome), len(names), "torque [N·m]")
+    return _finished_grid(events(figure, execution, outcome), len(names), "torque [N·m]")
 
 
 def _grid(names: Sequence[str]) -> go.Figure:
@@ -177,7 +185,7 @@ def _finished_grid(figure: go.Figure, panels: int, unit: str) -> go.Figure:
     return styled(figure, height=110 + 190 * rows, top=60)
 
 
-def _line(
+def line(
     figure: go.Figure,
     x: Array,
     y: Array,
@@ -189,6 +197,7 @@ def _line(
     dash: str = "solid",
     legend: bool = False,
 ) -> None:
+    """A line in one of several panels; those of one name share their entry in the legend."""
     figure.add_scatter(
         x=x.astype(np.float32),
         y=y.astype(np.float32),
@@ -203,7 +212,7 @@ def _line(
 
 
 def _limit(figure: go.Figure, x: Array, y: Array, row: int, col: int = 1) -> None:
-    _line(figure, x, y, "limit", FAULT, row, col, dash="dash")
+    line(figure, x, y, "limit", FAULT, row, col, dash="dash")
 
 
 def _bar(figure: go.Figure, time: Array, loaded: BoolArray, name: str, color: str) -> None:
@@ -221,12 +230,14 @@ def _bar(figure: go.Figure, time: Array, loaded: BoolArray, name: str, color: st
     )
 
 
-def _events(figure: go.Figure, execution: Execution, outcome: Outcome) -> go.Figure:
-    """Marks the end of the motion and the fall in every panel."""
+def events(
+    figure: go.Figure, execution: Execution, outcome: Outcome, row: int | Literal["all"] = "all"
+) -> go.Figure:
+    """Marks the end of the motion and the fall, in every panel or in those of a row."""
     if 0.0 < execution.motion_end < execution.time[-1]:
-        figure.add_vline(execution.motion_end, line={"color": TOLD, "width": 1})
+        figure.add_vline(execution.motion_end, line={"color": TOLD, "width": 1}, row=row)
     if outcome.fall_time_s is not None:
-        figure.add_vline(outcome.fall_time_s, line={"color": FAULT, "width": 1.5})
+        figure.add_vline(outcome.fall_time_s, line={"color": FAULT, "width": 1.5}, row=row)
     return figure
 
 
