@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,21 +94,21 @@ _KINDS = (
 
 def _figures(robot: Robot, reference: RobotReference) -> dict[str, float]:
     trace, step = make_trace(robot, reference.q), np.diff(reference.q[:, 4:6], axis=0)
-    read: dict[str, Callable[[], float]] = {
-        "duration": lambda: reference.duration,
-        "way over the floor": lambda: float(np.linalg.norm(step, axis=1).sum()),
-        "top speed of the pelvis": lambda: float(_speed(trace).max()),
-        "height of a foot": lambda: float(trace.feet[:, :, 2].max()),
-        "height of a hand": lambda: float(trace.hands[:, :, 2].max()),
-        "depth of the pelvis": lambda: -float(trace.height.min()),
-        "lean of the trunk": lambda: float(np.linalg.norm(trace.trunk[:, :2], axis=1).max()),
-        "turn": lambda: float(np.ptp(trace.heading)),
-        "top speed of a joint": lambda: float(np.abs(reference.v[:, 6:]).max()),
+    return {
+        "duration": reference.duration,
+        "way over the floor": float(np.linalg.norm(step, axis=1).sum()),
+        "top speed of the pelvis": float(_speed(trace).max()),
+        "height of a foot": float(trace.feet[:, :, 2].max()),
+        "height of a hand": float(trace.hands[:, :, 2].max()),
+        "depth of the pelvis": -float(trace.height.min()),
+        "lean of the trunk": float(np.linalg.norm(trace.trunk[:, :2], axis=1).max()),
+        "turn": float(np.ptp(trace.heading)),
+        "top speed of a joint": float(np.abs(reference.v[:, 6:]).max()),
+        **_steps(trace, reference),
     }
-    return {name: figure() for name, figure in read.items()} | _steps(robot, reference)
 
 
-def _steps(robot: Robot, reference: RobotReference) -> dict[str, float]:
+def _steps(trace: Trace, reference: RobotReference) -> dict[str, float]:
     """Touch-downs of a foot, how far from the other one and how long after the last; medians."""
     stands = np.asarray(reference.contact.any(axis=2))
     downs = sorted(
@@ -117,18 +116,12 @@ def _steps(robot: Robot, reference: RobotReference) -> dict[str, float]:
     )
     if not downs:
         return {"number of steps": 0.0}
-    feet = _feet(robot, reference)
-    lengths = [np.linalg.norm(feet[at, foot] - feet[at, 1 - foot]) for at, foot in downs]
+    ahead = trace.feet[..., 0]  # of where each foot stands, seen from the pelvis [m]
+    lengths = [abs(ahead[at, foot] - ahead[at, 1 - foot]) for at, foot in downs]
     figures = {"number of steps": float(len(downs)), "length of a step": float(np.median(lengths))}
     if len(downs) > 1:
         figures["time of a step"] = float(np.median(np.diff([at for at, _ in downs]))) / RATE
     return figures
-
-
-def _feet(robot: Robot, reference: RobotReference) -> Array:
-    """(T, 2, 1) how far ahead each foot is of where it stands, seen from the pelvis [m]."""
-    trace: Trace = make_trace(robot, reference.q)
-    return trace.feet[..., :1]
 
 
 def _speed(trace: Trace) -> Array:
