@@ -37,7 +37,6 @@ def adaptation_values(result: Result, robot: Robot) -> dict[str, Any] | None:
     measures = compare(robot, run.own, run.commanded) if record.changed else []
     starts = [handover.start for handover in record.handovers if handover.done]
     risk = figures.risks(curves, record.allowed, starts)
-    paths = figures.paths(run.own, run.commanded, result.execution, tried, result.outcome)
     values: dict[str, Any] = {
         "record": record,
         "original": original,
@@ -53,6 +52,7 @@ def adaptation_values(result: Result, robot: Robot) -> dict[str, Any] | None:
         "active": record.explanation.active[:SHOWN] if record.explanation else (),
     }
     if record.changed:
+        paths = figures.paths(run.own, run.commanded, result.execution, tried, result.outcome)
         values["paths"] = plot(paths, "paths")
         values["measures"] = plot(figures.changes(measures), "measures")
         values["courses"] = plot(figures.over_time(robot, run.own, run.commanded), "courses")
