@@ -24,8 +24,10 @@ HEAD_RADIUS = 0.09
 
 HUMAN_OFFSET = np.array([0.0, -2.2, 0.0])
 REFERENCE_OFFSET = np.array([0.0, -1.1, 0.0])
-NOWHERE = np.zeros(3)
 """Where the human and the reference are drawn, so that all three stand side by side [m]."""
+
+NOWHERE = np.zeros(3)
+"""No offset: where the robot itself is drawn [m]."""
 
 ORIGINAL_COLOR = (0.86, 0.16, 0.18, 0.45)
 """Of the robot that does what was commanded, where it does something else instead."""
@@ -159,8 +161,7 @@ def mark(path: str, place: Array, start: float, time: Array, color: Color) -> Bo
     position = np.tile([place[0], place[1], 0.02], (len(time), 1))
     position[time < start, 2] = BELOW
     ring = trimesh.creation.torus(major_radius=0.35, minor_radius=0.02, major_sections=64)
-    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
-    return Body(path, (Mesh(_obj(ring), color, np.eye(4)),), position, upright)
+    return _upright(path, (Mesh(_obj(ring), color, np.eye(4)),), position)
 
 
 def gauge(
@@ -174,15 +175,19 @@ def gauge(
     still = np.tile(foot, (len(time), 1))
     moving = still.copy()
     moving[:, 2] = np.interp(time, foresight.time, foresight.underway)
-    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
     scale = (
         Mesh(_obj(pole), GAUGE_COLOR, _lifted(0.5)),
         Mesh(_obj(ring), ALLOWED_COLOR, _lifted(allowed)),
     )
     return (
-        Body(f"{path}_gauge", scale, still, upright),
-        Body(f"{path}_risk", (Mesh(_obj(ball), color, np.eye(4)),), moving, upright),
+        _upright(f"{path}_gauge", scale, still),
+        _upright(f"{path}_risk", (Mesh(_obj(ball), color, np.eye(4)),), moving),
     )
+
+
+def _upright(path: str, meshes: tuple[Mesh, ...], position: Array) -> Body:
+    """A body that never turns."""
+    return Body(path, meshes, position, np.tile([1.0, 0.0, 0.0, 0.0], (len(position), 1)))
 
 
 def _lifted(height: float) -> Array:
@@ -256,9 +261,8 @@ def human_bodies(motion: HumanMotion, time: Array) -> tuple[Body, ...]:
             )
         )
     head = trimesh.creation.icosphere(subdivisions=3, radius=HEAD_RADIUS)
-    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
     ball = Mesh(_obj(head), HUMAN_COLOR, np.eye(4))
-    bodies.append(Body("human/skull", (ball,), joints[:, INDEX["head"]], upright))
+    bodies.append(_upright("human/skull", (ball,), joints[:, INDEX["head"]]))
     return tuple(bodies)
 
 
