@@ -13,17 +13,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import expit
 
 from robomirror_drake.adaptation_options import AdaptationOptions
-from robomirror_drake.exceptions import InputError, UnknownCommandError
+from robomirror_drake.exceptions import InputError
 from robomirror_drake.goals import Goals, Satisfaction, make_goals, measure
 from robomirror_drake.goals.margins import margins
-from robomirror_drake.messages import Array, QualityPrediction, Ranking, RobotReference
+from robomirror_drake.messages import Array, BoolArray, QualityPrediction, Ranking, RobotReference
 from robomirror_drake.motion.text import parse
 from robomirror_drake.optimization.adapt import Adapted, Goal, adapt
 from robomirror_drake.ppn.features import RECORDED
-from robomirror_drake.ppn.predictor import Judged, Predictor
+from robomirror_drake.ppn.predictor import Judged, Predictor, sampled
 from robomirror_drake.ranking import rank
 from robomirror_drake.robot import Robot
 
@@ -39,7 +38,7 @@ class Adaptation:
         candidate: From which candidate it comes.
         risk_before: P(fall) of the command's own motion, as predicted.
         risk: P(fall) of what is taken.
-        ranking: Of the candidates; None where only the first was looked at.
+        ranking: Of the candidates that were looked at: all, or the first alone.
         goals: What the command means; None where it has no words.
         satisfaction: How well what is taken does that, as a reference.
         changed: Of what was optimised, why and how; None where nothing was.
@@ -51,7 +50,7 @@ class Adaptation:
     candidate: int
     risk_before: float
     risk: float
-    ranking: Ranking | None
+    ranking: Ranking
     goals: Goals | None
     satisfaction: Satisfaction | None
     changed: Adapted | None
@@ -64,11 +63,11 @@ class WholeMotionJudge:
     def __init__(self, predictor: Predictor, every: float) -> None:
         self._predictor, self._every = predictor, every
 
-    def judge(self, q: Array, contact: Array, history: object = None) -> Judged:
+    def judge(self, q: Array, contact: BoolArray, history: object = None) -> Judged:
         """Of motions (n, N, 30), (n, N, 2, 4), of a robot that stands where they begin."""
         if history is not None:
             raise InputError("whole motions are judged from rest; give no history")
-        return self._predictor.judge(q, contact.astype(np.float64), every=self._every)
+        return self._predictor.judge(q, contact, every=self._every)
 
 
 def foresee(
@@ -80,11 +79,8 @@ def foresee(
     """
     step = round(RECORDED / predictor.options.rate)
     count = max(len(reference.time) for reference in references)
-    rows = np.arange(0, count + step - 1, step)
-    q = np.stack([r.q[np.minimum(rows, len(r.time) - 1)] for r in references])
-    contact = np.stack([r.contact[np.minimum(rows, len(r.time) - 1)] for r in references])
-    judged = predictor.judge(q, contact.astype(np.float64), every=every)
-    return QualityPrediction(float(count / RECORDED), expit(judged.logit), *judged.errors.T)
+    q, contact = sampled(references, np.arange(0, count + step - 1, step) / RECORDED)
+    return predictor.foresee(q, contact, every=every)
 
 
 def adapt_command(
@@ -109,7 +105,7 @@ def adapt_command(
     options = options or AdaptationOptions()
     if not references:
         raise InputError(f"{command!r} has no candidate that the robot can follow")
-    goals = _goals(robot, command, references[0])
+    goals = goals_of(robot, command, references[0])
     pool = "selection" in options.method
     looked = references if pool else references[:1]
     foreseen = foresee(predictor, looked, options.every)
@@ -146,11 +142,11 @@ def _suits(i: int, ranking: Ranking, satisfactions: Sequence[Satisfaction] | Non
     return bool(ranking.safe[i]) and (satisfactions is None or satisfactions[i].done)
 
 
-def _goals(robot: Robot, command: str, own: RobotReference) -> Goals | None:
-    """What the command means, None where its words are not understood."""
+def goals_of(robot: Robot, command: str, own: RobotReference) -> Goals | None:
+    """What a command means, with its own motion; None where its words are not understood."""
     try:
         return make_goals(robot, parse(command), own.q)
-    except (InputError, UnknownCommandError):
+    except InputError:
         return None
 
 

@@ -57,21 +57,20 @@ def record_of(
     """
     sources = [motion.source for motion in motions]
     numbers = [sources.index(reference.source) for reference in references]
-    options, candidates = scenario.adaptation, []
-    if made.ranking is not None:
-        ranking, places = made.ranking, np.argsort(made.ranking.order)
-        candidates = [
-            RankedCandidate(
-                number=numbers[i],
-                place=int(places[i]) + 1,
-                scores=tuple(float(score) for score in ranking.scores[i]),
-                quality=float(ranking.quality[i]),
-                fall_probability=float(1.0 - ranking.scores[i, 2]),
-                safe=bool(ranking.safe[i]),
-                reason=ranking.reasons[i],
-            )
-            for i in range(len(ranking.reasons))
-        ]
+    options, ranking = scenario.adaptation, made.ranking
+    places = np.argsort(ranking.order)
+    candidates = [
+        RankedCandidate(
+            number=numbers[i],
+            place=int(places[i]) + 1,
+            scores=tuple(float(score) for score in ranking.scores[i]),
+            quality=float(ranking.quality[i]),
+            fall_probability=float(1.0 - ranking.scores[i, 2]),
+            safe=bool(ranking.safe[i]),
+            reason=ranking.reasons[i],
+        )
+        for i in range(len(ranking.reasons))
+    ]
     return AdaptationRecord(
         method=options.method,
         weights=options.predictor,

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logit
 
-from robomirror_drake.exceptions import InputError, PlanningError, UnknownCommandError
-from robomirror_drake.goals import Satisfaction, make_goals, measure
+from robomirror_drake.adaptation import goals_of
+from robomirror_drake.exceptions import PlanningError
+from robomirror_drake.goals import Satisfaction, measure
 from robomirror_drake.handover_options import AdapterOptions
 from robomirror_drake.messages import Array, Handover, QualityPrediction, RobotReference
-from robomirror_drake.motion.text import parse
 from robomirror_drake.optimization.continuation import (
     Change,
     Course,
@@ -27,8 +27,7 @@ from robomirror_drake.optimization.continuation import (
     remainder,
     stopped,
 )
-from robomirror_drake.ppn.features import RECORDED
-from robomirror_drake.ppn.predictor import History, Predictor
+from robomirror_drake.ppn.predictor import History, Predictor, sampled
 from robomirror_drake.ranking import rank
 from robomirror_drake.robot import Robot
 
@@ -83,14 +82,8 @@ def risk(
     """
     options = predictor.options
     count = round((ahead + options.horizon) * options.rate) + 1
-    frames = np.round((start + np.arange(count) / options.rate) * RECORDED).astype(int)
-    rows = [np.minimum(frames, len(motion.time) - 1) for motion in motions]
-    return predictor.foresee(
-        np.stack([motion.q[row] for motion, row in zip(motions, rows, strict=True)]),
-        np.stack([motion.contact[row] for motion, row in zip(motions, rows, strict=True)]),
-        history,
-        ahead,
-    )
+    q, contact = sampled(motions, start + np.arange(count) / options.rate)
+    return predictor.foresee(q, contact, history, ahead)
 
 
 def decide(
@@ -243,9 +236,8 @@ def _satisfactions(
     robot: Robot, course: Course, frame: int, motions: Sequence[RobotReference]
 ) -> list[Satisfaction] | None:
     """How well what was done already and each motion together do what the command means."""
-    try:
-        goals = make_goals(robot, parse(course.asked.text), course.asked.q)
-    except (InputError, UnknownCommandError):
+    goals = goals_of(robot, course.asked.text, course.asked)
+    if goals is None:
         return None
     begun = course.commanded.q[:frame]
     return [measure(robot, goals, np.concatenate([begun, motion.q])) for motion in motions]

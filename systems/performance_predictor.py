@@ -41,7 +41,7 @@ class PerformancePredictor(LeafSystem):
         super().__init__()
         self._predictor = predictor
         options = predictor.options
-        size = 2 * len(predictor.header["joints"]) + 13 if predictor.header else 59
+        size = 2 * predictor.joints + 13
         self._recent = RecentStates(options.back, size, options.rate)
         self._references = self.DeclareAbstractInputPort("references", Value(object()))
         self._state: InputPort = self.DeclareVectorInputPort("state", size)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from scipy.special import expit
 
 from robomirror_drake import cli
 from robomirror_drake.adaptation_record import (
@@ -37,7 +38,7 @@ from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.features import PAD, reference_frames
 from robomirror_drake.ppn.model import PPN
 from robomirror_drake.ppn.options import PPNOptions
-from robomirror_drake.ppn.predictor import Judged, Predictor
+from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.report import render_report
 from robomirror_drake.results import Result, load_result, save_result
 from robomirror_drake.robot import load_robot
@@ -418,10 +419,10 @@ class Foreteller:
     options = PPNOptions()
     header: dict[str, object] = {}  # noqa: RUF012
 
-    def judge(self, q: np.ndarray, *_: object, **__: object) -> Judged:
+    def foresee(self, q: np.ndarray, *_: object, **__: object) -> QualityPrediction:
         logit = np.full(len(q), -5.0)
         logit[0] = 3.0
-        return Judged(logit, np.full((len(q), 5), 0.01), np.zeros_like(q))
+        return QualityPrediction(1.0, expit(logit), *np.full((5, len(q)), 0.01))
 
     def predict(self, references, _start, _history) -> QualityPrediction:
         return QualityPrediction(1.0, *np.full((6, len(references)), 0.25))

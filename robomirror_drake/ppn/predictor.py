@@ -14,7 +14,7 @@ from torch import Tensor
 
 from robomirror_drake import checkpoint
 from robomirror_drake.exceptions import ConfigError
-from robomirror_drake.messages import Array, QualityPrediction, RobotReference
+from robomirror_drake.messages import Array, BoolArray, QualityPrediction, RobotReference
 from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.features import (
     PAD,
@@ -81,6 +81,11 @@ class Predictor:
         """What the network looks at."""
         return self.network.options
 
+    @property
+    def joints(self) -> int:
+        """How many the robot has."""
+        return len(self._body.parents)
+
     def predict(
         self, references: Sequence[RobotReference], start: float, history: History
     ) -> QualityPrediction:
@@ -97,19 +102,19 @@ class Predictor:
         self._check(history)
         options = self.options
         time = start + np.arange(-PAD, options.ahead + PAD) / options.rate
-        q, contact = [], []
-        for reference in references:
-            rows = rows_at(time, len(reference.time))
-            q.append(reference.q[rows])
-            contact.append(reference.contact[rows[PAD:-PAD]])
+        q, contact = sampled(references, time)
         with torch.no_grad():
-            asked = self._reference(self._tensor(np.array(q)), self._tensor(np.array(contact)))
+            asked = self._reference(self._tensor(q), self._tensor(contact[:, PAD:-PAD]))
             past = self._state(history).flat()[None]
             scores = self._scores(past, asked.flat())
         return quality(options.horizon, scores)
 
     def judge(
-        self, q: Array, contact: Array, history: History | None = None, every: float = EVERY
+        self,
+        q: Array,
+        contact: Array | BoolArray,
+        history: History | None = None,
+        every: float = EVERY,
     ) -> Judged:
         """Risk and errors of whole motions, and the gradient of the risk.
 
@@ -127,36 +132,41 @@ class Predictor:
             self._check(history)
         samples = self._tensor(q).requires_grad_()
         with torch.enable_grad():
-            scores, count = self._windows(samples, self._tensor(contact), history, every)
-            logit = _highest(scores.fall.reshape(len(q), count))
+            scores = self._windows(samples, self._tensor(contact), history, every)
+            logit, errors = _over_windows(scores, len(q))
             (gradient,) = torch.autograd.grad(logit.sum(), samples)
-        errors = scores.errors.detach().exp().reshape(len(q), count, -1).mean(1)
         return Judged(*(x.detach().double().numpy() for x in (logit, errors, gradient)))
 
     def foresee(
-        self, q: Array, contact: Array, history: History, ahead: float, every: float = EVERY
+        self,
+        q: Array,
+        contact: Array | BoolArray,
+        history: History | None = None,
+        ahead: float = math.inf,
+        every: float = EVERY,
     ) -> QualityPrediction:
         """As :meth:`judge`, of windows that begin before a time ``ahead`` [s], with no gradient.
 
         Args:
             q: (n, N, 30) motions at the network's rate, Drake order.
             contact: (n, N, 2, 4) which sole corners are meant to bear load.
-            history: Of the robot, in the world of the motions.
-            ahead: Time before which windows begin [s].
+            history: Of the robot, in the world of the motions; None where it stands as each
+                of them begins.
+            ahead: Time before which windows begin [s]; infinite for the whole of the motions.
             every: From one window to the next [s].
         """
-        self._check(history)
+        if history is not None:
+            self._check(history)
         with torch.no_grad():
-            scores, count = self._windows(
-                self._tensor(q), self._tensor(contact), history, every, ahead
-            )
-        fall = torch.sigmoid(_highest(scores.fall.reshape(len(q), count)).double()).numpy()
-        errors = scores.errors.double().exp().reshape(len(q), count, -1).mean(1).numpy()
-        return QualityPrediction(ahead + self.options.horizon, fall, *errors.T)
+            scores = self._windows(self._tensor(q), self._tensor(contact), history, every, ahead)
+            logit, errors = _over_windows(scores, len(q))
+        fall = torch.sigmoid(logit.double())
+        horizon = min(ahead, (q.shape[1] - 1) / self.options.rate) + self.options.horizon
+        return QualityPrediction(horizon, fall.numpy(), *errors.numpy().T)
 
     def check_features(self, source: object) -> None:
         """Raises ConfigError where the network was made for other features than there are here."""
-        one = np.zeros((1, len(self._body.parents) + 7))
+        one = np.zeros((1, self.joints + 7))
         one[0, 0] = 1.0
         asked = self._reference(
             self._tensor(np.tile(one, (1 + 2 * PAD, 1))), self._tensor(np.ones((1, 2, 4)))
@@ -173,8 +183,8 @@ class Predictor:
         history: History | None,
         every: float,
         ahead: float = math.inf,
-    ) -> tuple[Scores, int]:
-        """Scores of all windows, motion by motion, and how many each has."""
+    ) -> Scores:
+        """Scores of all windows, motion by motion; each has as many."""
         options, number, samples = self.options, len(q), q.shape[1]
         back, future_samples = options.back - 1, options.ahead
         held = torch.arange(-back - PAD, samples + future_samples + PAD).clamp(0, samples - 1)
@@ -188,7 +198,7 @@ class Predictor:
                 [self._state(history).flat().expand(number, 1, -1, -1), states[:, 1:]], 1
             )
         references = future[:, back + first[:, None] + torch.arange(future_samples)]
-        return self._scores(states.flatten(0, 1), references.flatten(0, 1)), len(first)
+        return self._scores(states.flatten(0, 1), references.flatten(0, 1))
 
     @property
     def _asked(self) -> int:
@@ -207,7 +217,7 @@ class Predictor:
         )
         return scores
 
-    def _tensor(self, values: Array) -> Tensor:
+    def _tensor(self, values: Array | BoolArray) -> Tensor:
         return torch.from_numpy(np.array(values, dtype=np.float64)).to(self._type)
 
     def _check(self, history: History) -> None:
@@ -218,9 +228,23 @@ class Predictor:
             )
 
 
-def _highest(fall: Tensor) -> Tensor:
-    """(n,) smooth maximum of logits (n, W) over windows."""
-    return torch.logsumexp(_SHARPNESS * fall, 1) / _SHARPNESS
+def sampled(references: Sequence[RobotReference], time: Array) -> tuple[Array, BoolArray]:
+    """Positions (n, T, 30) and contacts (n, T, 2, 4) of references at times (T,) [s].
+
+    Their ends are held.
+    """
+    rows = [rows_at(time, len(reference.time)) for reference in references]
+    return (
+        np.stack([one.q[at] for one, at in zip(references, rows, strict=True)]),
+        np.stack([one.contact[at] for one, at in zip(references, rows, strict=True)]),
+    )
+
+
+def _over_windows(scores: Scores, number: int) -> tuple[Tensor, Tensor]:
+    """Of ``number`` motions: (n,) smooth maximum of the logit, (n, 5) mean errors."""
+    fall = scores.fall.reshape(number, -1)
+    errors = scores.errors.double().exp().reshape(number, -1, scores.errors.shape[-1]).mean(1)
+    return torch.logsumexp(_SHARPNESS * fall, 1) / _SHARPNESS, errors
 
 
 def quality(horizon: float, scores: Scores) -> QualityPrediction:
