@@ -119,4 +119,9 @@ def draw_disturbance(
         return "pushed", always.model_copy(update={"pushes": (*always.pushes, push)})
     kind: Kind = "start" if rng.random() < 0.5 else "dynamics"
     own = options.start if kind == "start" else options.dynamics
-    return kind, always.model_copy(update={n: getattr(own, n) for n in own.model_fields_set})
+    return kind, replaced(always, own)
+
+
+def replaced(always: DisturbanceOptions, own: DisturbanceOptions) -> DisturbanceOptions:
+    """What is always disturbed, with what ``own`` names in its place."""
+    return always.model_copy(update={n: getattr(own, n) for n in own.model_fields_set})

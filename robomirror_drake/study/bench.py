@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 from robomirror_drake.adaptation import Adaptation, adapt_command
 from robomirror_drake.adaptation_options import AdaptationOptions
@@ -79,7 +79,6 @@ class Bench:
         self._tried: dict[tuple[str, str], Tried] = {}
         self._taken: dict[tuple[str, int], tuple[Adaptation, float]] = {}
         self._closed: dict[tuple[str, str, str], tuple[Tried, Adapted]] = {}
-        self._goals: tuple[Goals | None] | None = None
 
     @property
     def predictor(self) -> Predictor:
@@ -205,16 +204,13 @@ class Bench:
         """Seed of all disturbances, the same for all motions of the command."""
         return seed_of(stream(self.job.options, self.job.prompt.text, 0))
 
-    @property
+    @cached_property
     def goals(self) -> Goals | None:
         """What the command means; None where its words are not understood."""
-        if self._goals is None:
-            try:
-                made = make_goals(self.robot, parse(self.job.prompt.text), self.own.q)
-            except (InputError, UnknownCommandError):
-                made = None
-            self._goals = (made,)
-        return self._goals[0]
+        try:
+            return make_goals(self.robot, parse(self.job.prompt.text), self.own.q)
+        except (InputError, UnknownCommandError):
+            return None
 
 
 def digest(reference: RobotReference) -> str:

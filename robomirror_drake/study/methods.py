@@ -47,8 +47,10 @@ def survivor(bench: Bench, variant: Variant) -> bool | None:
     known = [bench.known(reference, variant.level) for reference in references]
     if any(tried is not None and not tried.fell for tried in known):
         return True
+    if None not in known:
+        return False
     if bench.job.options.simulated == "chosen":
-        return None if None in known else False
+        return None
     for reference in _likeliest(bench, references):
         if not bench.attempt(reference, variant.level).fell:
             return True

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.config import Scenario, load_scenario
+from robomirror_drake.dataset.options import replaced
 from robomirror_drake.dataset.prompts import Split
 from robomirror_drake.disturbance import DisturbanceOptions
 from robomirror_drake.handover_options import AdapterOptions
@@ -61,11 +62,6 @@ class Level(_Options):
     disturbance: DisturbanceOptions = Field(
         DisturbanceOptions(), description="what it names replaces that of the scenario"
     )
-
-    def on(self, always: DisturbanceOptions) -> DisturbanceOptions:
-        """What is disturbed at this level, of a scenario that has ``always``."""
-        own = self.disturbance
-        return always.model_copy(update={n: getattr(own, n) for n in own.model_fields_set})
 
 
 class Grid(_Options):
@@ -186,7 +182,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 def physics(options: StudyOptions, scenario: Scenario, level: str) -> SimulationOptions:
     """The scenario's physics at a level of disturbance."""
     (own,) = (one for one in options.grid.levels if one.name == level)
-    disturbance = own.on(scenario.simulation.disturbance)
+    disturbance = replaced(scenario.simulation.disturbance, own.disturbance)
     return scenario.simulation.model_copy(update={"disturbance": disturbance})
 
 
