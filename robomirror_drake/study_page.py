@@ -45,6 +45,15 @@ _OF_CAUSES: Final = dict(
         strict=True,
     )
 )
+_SETTINGS: Final = {
+    "level": "",
+    "t_safe": "T_safe",
+    "pool": "pool",
+    "variables": "",
+    "qp_solver": "",
+}
+"""What a variant depends on, in their order, and what is said before a value."""
+
 _AXES: Final = {"pool": "candidates in the pool", "t_safe": "threshold T_safe"}
 """Settings that saved commands are drawn over, where a study has several values of them."""
 
@@ -117,13 +126,11 @@ def render_study(study: Study, figures: Figures) -> str:
 
 def labels(methods: Sequence[Figures]) -> list[str]:
     """What to call each variant: its method, and what it has that others have otherwise."""
-    settings = ("level", "t_safe", "pool", "variables", "qp_solver")
-    varied = [key for key in settings if len({one[key] for one in methods} - {None}) > 1]
-    words = {"t_safe": "T_safe", "pool": "pool", "level": "", "variables": "", "qp_solver": ""}
+    varied = [key for key in _SETTINGS if len({one[key] for one in methods} - {None}) > 1]
     return [
         ", ".join(
             [_METHODS[one["method"]]]
-            + [f"{words[key]} {one[key]}".strip() for key in varied if one[key] is not None]
+            + [f"{_SETTINGS[key]} {one[key]}".strip() for key in varied if one[key] is not None]
         )
         for one in methods
     ]
@@ -159,19 +166,14 @@ def _saved(methods: Sequence[Figures], names: Sequence[str]) -> go.Figure:
     """Saved, and saved with the task done, of each variant."""
     figure = go.Figure()
     own = [(name, one) for name, one in zip(names, methods, strict=True) if one["commands"]]
-    middle = [100.0 * one["saved"] for _, one in own]
-    ends = [[100.0 * x for x in one["saved_interval"]] for _, one in own]
+    middle, error = _percentages([one for _, one in own])
     figure.add_bar(
         y=[name for name, _ in own],
         x=middle,
         name="saved",
         orientation="h",
         marker={"color": [_COLORS[one["method"]] for _, one in own], "opacity": 0.45},
-        error_x={
-            "array": [high - at for (_, high), at in zip(ends, middle, strict=True)],
-            "arrayminus": [at - low for (low, _), at in zip(ends, middle, strict=True)],
-            "thickness": 1.6,
-        },
+        error_x=error | {"thickness": 1.6},
         hovertemplate="%{y}: %{x:.1f} % saved<extra></extra>",
     )
     figure.add_bar(
@@ -220,18 +222,13 @@ def _groups(methods: Sequence[Figures], names: Sequence[str]) -> go.Figure:
         groups = one["groups"]
         if not groups:
             continue
-        middle = [100.0 * own["saved"] for own in groups.values()]
-        ends = [[100.0 * x for x in own["saved_interval"]] for own in groups.values()]
+        middle, error = _percentages(list(groups.values()))
         figure.add_bar(
             x=list(groups),
             y=middle,
             name=name,
             marker={"color": _COLORS[one["method"]]},
-            error_y={
-                "array": [high - at for (_, high), at in zip(ends, middle, strict=True)],
-                "arrayminus": [at - low for (low, _), at in zip(ends, middle, strict=True)],
-                "thickness": 1.2,
-            },
+            error_y=error | {"thickness": 1.2},
             customdata=[own["commands"] for own in groups.values()],
             hovertemplate="%{x}: %{y:.0f} % of %{customdata}<extra>%{fullData.name}</extra>",
         )
@@ -243,30 +240,23 @@ def _groups(methods: Sequence[Figures], names: Sequence[str]) -> go.Figure:
 def _sweep(methods: Sequence[Figures], setting: str, words: str) -> go.Figure:
     """Saved commands over a setting, a line for each method with all else alike."""
     figure = go.Figure()
-    settings = ("level", "t_safe", "pool", "variables", "qp_solver")
-    others = [key for key in settings if key != setting]
+    others = [key for key in _SETTINGS if key != setting]
     own = [one for one in methods if one[setting] is not None and one["commands"]]
+    names = labels([{**one, setting: None} for one in own])
     series = dict.fromkeys((one["method"], *(one[key] for key in others)) for one in own)
     for which in series:
         line = sorted(
             (one for one in own if (one["method"], *(one[key] for key in others)) == which),
             key=lambda one: one[setting],
         )
-        told = labels([{**one, setting: None} for one in own])
-        name = told[own.index(line[0])]
-        middle = [100.0 * one["saved"] for one in line]
-        ends = [[100.0 * x for x in one["saved_interval"]] for one in line]
+        middle, error = _percentages(line)
         figure.add_scatter(
             x=[one[setting] for one in line],
             y=middle,
-            name=name,
+            name=names[own.index(line[0])],
             mode="lines+markers",
             line={"color": _COLORS.get(which[0], DONE)},
-            error_y={
-                "array": [high - at for (_, high), at in zip(ends, middle, strict=True)],
-                "arrayminus": [at - low for (low, _), at in zip(ends, middle, strict=True)],
-                "thickness": 1.2,
-            },
+            error_y=error | {"thickness": 1.2},
         )
     logarithmic = setting == "pool"
     figure.update_xaxes(
@@ -276,6 +266,16 @@ def _sweep(methods: Sequence[Figures], setting: str, words: str) -> go.Figure:
     )
     figure.update_yaxes(title="saved [%]", range=[0, 102])
     return styled(figure, height=420, top=40 + 12 * len(series))
+
+
+def _percentages(saved: Sequence[Figures]) -> tuple[list[float], dict[str, Any]]:
+    """Shares that were saved and how far their intervals reach above and below them [%]."""
+    middle = [100.0 * one["saved"] for one in saved]
+    ends = [[100.0 * x for x in one["saved_interval"]] for one in saved]
+    return middle, {
+        "array": [high - at for (_, high), at in zip(ends, middle, strict=True)],
+        "arrayminus": [at - low for (low, _), at in zip(ends, middle, strict=True)],
+    }
 
 
 def _changes(study: Study) -> list[dict[str, Any]]:
