@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from robomirror_drake.messages import Array, BoolArray, RobotReference
+from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.adapt_motion import sample
 from robomirror_drake.optimization.adapt_problem import Problem
 from robomirror_drake.optimization.centroidal import drake_velocities
-from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.optimization.floating_base import continuous
-from robomirror_drake.optimization.kinematics import body_poses, distances, positions
-from robomirror_drake.optimization.retarget_metrics import RobotTables
-from robomirror_drake.robot import rotation_matrix
+from robomirror_drake.optimization.kinematics import positions
+from robomirror_drake.optimization.retarget_metrics import RobotTables, own_residuals
 
 
 def adapted_reference(tables: RobotTables, problem: Problem, z: Array) -> RobotReference:
@@ -44,7 +42,9 @@ def adapted_reference(tables: RobotTables, problem: Problem, z: Array) -> RobotR
     v, a = drake_velocities(spline(time), spline(time, 1), spline(time, 2))
     tau, _, _ = path.tau(time, sigma)
     led = sample(problem.legs, path, layout, 0.0 * z, tau, derivatives=False)
-    apart = _keypoints(tables, made.q) - _keypoints(tables, led.q)
+    poses = made.rotation, made.origin
+    apart = positions(tables.keypoints, *poses)
+    apart -= positions(tables.keypoints, led.rotation, led.origin)
     return RobotReference(
         time=time,
         q=made.q,
@@ -55,38 +55,7 @@ def adapted_reference(tables: RobotTables, problem: Problem, z: Array) -> RobotR
         source=command.source,
         residuals={
             **command.residuals,
-            **_residuals(tables, made.q, v, made.contact, spline(time, 3)[:, 7:]),
+            **own_residuals(tables, poses, made.q, v, made.contact, spline(time, 3)[:, 7:]),
             "distance_to_command": float(np.linalg.norm(apart, axis=2).mean()),
         },
     )
-
-
-def _poses(tables: RobotTables, q: Array) -> tuple[Array, Array]:
-    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
-    return body_poses(tables.tree, rotation_matrix(q[:, :4]), x)
-
-
-def _keypoints(tables: RobotTables, q: Array) -> Array:
-    return positions(tables.keypoints, *_poses(tables, q))
-
-
-def _residuals(
-    tables: RobotTables, q: Array, v: Array, contact: BoolArray, jerk: Array
-) -> dict[str, float]:
-    R, p = _poses(tables, q)
-    corners = positions(tables.corners, R, p)
-    standing = contact.reshape(-1, 8)
-    drift = [
-        float(np.linalg.norm(corners[a:b, k, :2] - corners[a, k, :2], axis=1).max())
-        for k in range(8)
-        for a, b in runs(standing[:, k])
-    ]
-    joints, speed = q[:, 7:], np.abs(v[:, 6:])
-    over = (tables.lower - joints, joints - tables.upper, speed - tables.speed)
-    return {
-        "stance_drift": max(drift, default=0.0),
-        "penetration": max(0.0, -float(corners[..., 2].min())),
-        "self_penetration": max(0.0, -float(distances(tables.capsules, R, p).min())),
-        "limit_violation": max(0.0, *(float(part.max()) for part in over)),
-        "jerk_rms": float(np.sqrt(np.mean(jerk**2))),
-    }

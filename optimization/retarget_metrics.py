@@ -87,18 +87,41 @@ def residuals(tables: RobotTables, targets: Targets, q: Array, v: Array) -> dict
     # Without an offset the frame's orientation is the reference's.
     x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
     R, p = body_poses(tables.tree, rotation_matrix(q[:, :4]), x)
-    corners = positions(tables.corners, R, p)
-    joints, speed = q[:, 7:], np.abs(v[:, 6:])
-    limits = (tables.lower - joints, joints - tables.upper, speed - tables.speed)
     miss = np.linalg.norm(positions(tables.keypoints, R, p) - targets.keypoints, axis=2)
-    jerk = np.diff(joints, 3, axis=0) * RATE**3
+    jerk = np.diff(q[:, 7:], 3, axis=0) * RATE**3
     return {
         "keypoint_error": float(miss.mean()),
-        "stance_drift": _drift(
-            corners - targets.anchor.reshape(-1, 8, 3), targets.contact.reshape(-1, 8)
-        ),
+        **own_residuals(tables, (R, p), q, v, targets.contact, jerk, targets.anchor),
+    }
+
+
+def own_residuals(
+    tables: RobotTables,
+    poses: tuple[Array, Array],
+    q: Array,
+    v: Array,
+    contact: BoolArray,
+    jerk: Array,
+    anchor: Array | None = None,
+) -> dict[str, float]:
+    """Those of :func:`residuals` that need no targets to follow.
+
+    Args:
+        tables: The robot.
+        poses: (T, B, 3, 3), (T, B, 3) its bodies' in world.
+        q, v: (T, 30), (T, 29) in Drake's order.
+        contact: (T, 2, 4) schedule.
+        jerk: (N, J) the joints' third derivatives [rad/s³].
+        anchor: (T, 2, 4, 3) footholds; None for one place each over the whole motion [m].
+    """
+    corners = positions(tables.corners, *poses)
+    beside = corners if anchor is None else corners - anchor.reshape(-1, 8, 3)
+    joints, speed = q[:, 7:], np.abs(v[:, 6:])
+    limits = (tables.lower - joints, joints - tables.upper, speed - tables.speed)
+    return {
+        "stance_drift": _drift(beside, contact.reshape(-1, 8)),
         "penetration": max(0.0, -float(corners[..., 2].min())),
-        "self_penetration": max(0.0, -float(distances(tables.capsules, R, p).min())),
+        "self_penetration": max(0.0, -float(distances(tables.capsules, *poses).min())),
         "limit_violation": max(0.0, *(float(excess.max()) for excess in limits)),
         "jerk_rms": float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0,
     }
