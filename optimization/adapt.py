@@ -23,6 +23,7 @@ from robomirror_drake.optimization.adapt_problem import (
     Goal,
     Judge,
     Problem,
+    asked,
     fall_ceiling,
     make_problem,
 )
@@ -152,16 +153,9 @@ def _again(
     judge: Judge, references: Sequence[RobotReference], problems: Sequence[Problem], history: Any
 ) -> Array:
     """(n,) logits of references as they are, at the judge's rate."""
-    shown = []
+    motions = []
     for reference, problem in zip(references, problems, strict=True):
-        rows = np.round(np.arange(0.0, reference.duration, STEP) / reference.time[1]).astype(int)
-        shown.append(np.append(rows, len(reference.time) - 1)[: problem.seen])
-    longest = max(len(rows) for rows in shown)
-    padded = [np.pad(rows, (0, longest - len(rows)), mode="edge") for rows in shown]
-    return np.asarray(
-        judge.judge(
-            np.stack([one.q[at] for one, at in zip(references, padded, strict=True)]),
-            np.stack([one.contact[at] for one, at in zip(references, padded, strict=True)]),
-            history,
-        ).logit
-    )
+        time = np.append(np.arange(0.0, reference.duration, STEP), reference.duration)
+        rows = reference.rows_at(time[: problem.seen])
+        motions.append((reference.q[rows], reference.contact[rows]))
+    return np.array([logit for logit, _ in asked(judge, motions, history)])

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robomirror_drake.exceptions import InputError
-from robomirror_drake.messages import Array, RobotReference
+from robomirror_drake.messages import Array, BoolArray, RobotReference
 from robomirror_drake.optimization.adapt_legs import Legs
 from robomirror_drake.optimization.adapt_motion import Samples, quaternion_gradient, sample
 from robomirror_drake.optimization.adapt_options import AdaptOptions
@@ -224,30 +224,50 @@ def evaluate(
 def judged(
     judge: Judge, problems: Sequence[Problem], points: Sequence[Point], history: Any = None
 ) -> list[Point]:
-    """Points with what the judge says, asked once for all: shorter motions stand at their end.
+    """Points with what the judge says, see :func:`asked`."""
+    motions = [
+        (point.samples.q[: problem.seen], point.samples.contact[: problem.seen])
+        for problem, point in zip(problems, points, strict=True)
+    ]
+    made = []
+    for point, (logit, gradient) in zip(points, asked(judge, motions, history), strict=True):
+        by_q = np.zeros_like(point.samples.q)
+        by_q[: len(gradient)] = gradient
+        made.append(point._replace(logit=logit, by_logit=pulled(point.samples, by_q)))
+    return made
+
+
+def asked(
+    judge: Judge, motions: Sequence[tuple[Array, BoolArray]], history: Any
+) -> list[tuple[float, Array]]:
+    """What the judge says of motions of any lengths, asked once for all.
+
+    Args:
+        judge: Is shown the shorter ones standing at their end.
+        motions: q (N, 30) at 20 Hz and schedule (N, 2, 4) of each.
+        history: What the judge takes for the robot's past.
+
+    Returns:
+        Of each motion the logit, and the gradient (N, 30) of it.
 
     Raises:
         InputError: The judge's answer is not finite.
     """
-    lengths = [
-        len(point.samples.q) if problem.seen is None else min(problem.seen, len(point.samples.q))
-        for problem, point in zip(problems, points, strict=True)
-    ]
-    longest = np.arange(max(lengths))
-    shown = [np.minimum(longest, length - 1) for length in lengths]
+    longest = np.arange(max(len(q) for q, _ in motions))
+    shown = [np.minimum(longest, len(q) - 1) for q, _ in motions]
     answer = judge.judge(
-        np.stack([point.samples.q[rows] for point, rows in zip(points, shown, strict=True)]),
-        np.stack([point.samples.contact[rows] for point, rows in zip(points, shown, strict=True)]),
+        np.stack([q[rows] for (q, _), rows in zip(motions, shown, strict=True)]),
+        np.stack([contact[rows] for (_, contact), rows in zip(motions, shown, strict=True)]),
         history,
     )
     logit, gradient = np.asarray(answer.logit), np.asarray(answer.gradient)
     if not (np.isfinite(logit).all() and np.isfinite(gradient).all()):
         raise InputError("the judge's logit or gradient is not finite: check its weights")
     made = []
-    for point, rows, value, slope in zip(points, shown, logit, gradient, strict=True):
-        by_q = np.zeros_like(point.samples.q)
+    for (q, _), rows, value, slope in zip(motions, shown, logit, gradient, strict=True):
+        by_q = np.zeros_like(q)
         np.add.at(by_q, rows, slope)
-        made.append(point._replace(logit=float(value), by_logit=pulled(point.samples, by_q)))
+        made.append((float(value), by_q))
     return made
 
 
