@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
+    CacheEntry,
     Context,
     DiscreteValues,
     EventStatus,
@@ -37,6 +39,7 @@ from robomirror_drake.optimization.whole_body_diagnostics import (
     names,
     nothing,
     packed_diagnosis,
+    unpack,
 )
 from robomirror_drake.optimization.whole_body_qp import (
     WholeBodyOptions,
@@ -123,16 +126,8 @@ class WholeBodyController(LeafSystem):
         self._state_port = self.DeclareVectorInputPort("state", nq + nv)
         self._reference_port = self.DeclareAbstractInputPort("reference", Value[object]())
         self._force_port = self.DeclareVectorInputPort("foot_force", 6)
-        self._trajectory = self.DeclareCacheEntry(
-            description="reference trajectory",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_trajectory),
-            prerequisites_of_calc={self._reference_port.ticket()},
-        )
-        self._preview = self.DeclareCacheEntry(
-            description="preview",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_preview),
-            prerequisites_of_calc={self._reference_port.ticket()},
-        )
+        self._trajectory = self._made_once("reference trajectory", self._make_trajectory)
+        self._preview = self._made_once("preview", self._make_preview)
         # In the Context, since a system written in Python outlives its diagram: Drake's
         # bindings never let go of it.
         self._scratch = self.DeclareCacheEntry(
@@ -167,35 +162,41 @@ class WholeBodyController(LeafSystem):
             raise PortError("reference", f"a reference with {positions} positions", robot)
         return reference
 
-    def _calc_trajectory(self, context: Context, value: AbstractValue) -> None:
-        reference = self._reference_of(context)
-        if not _made_from(reference, value):
-            value.set_value((reference, reference_trajectory(self._robot, reference)))
+    def _made_once(self, description: str, make: Callable[[RobotReference], object]) -> CacheEntry:
+        """A cache entry with a reference and what is made from it.
 
-    def _calc_preview(self, context: Context, value: AbstractValue) -> None:
-        options, reference = self._options, self._reference_of(context)
-        if not _made_from(reference, value):
-            gains = None
-            if options.preview == "lqr":
-                friction = options.qp.friction
-                gains = preview_gains(self._robot, reference, friction, options.lqr)
-            value.set_value((reference, gains))
+        A source whose output counts as changed at every tick gives the same object again; what
+        is made from it is too dear to be made again.
+        """
 
-    def _trajectory_of(self, context: Context) -> ReferenceTrajectory:
-        trajectory: ReferenceTrajectory = self._trajectory.Eval(context)[1]
-        return trajectory
+        def calc(context: Context, value: AbstractValue) -> None:
+            reference, held = self._reference_of(context), value.get_value()
+            if not (isinstance(held, tuple) and held[0] is reference):
+                value.set_value((reference, make(reference)))
 
-    def _preview_of(self, context: Context) -> Preview | None:
-        preview: Preview | None = self._preview.Eval(context)[1]
-        return preview
+        return self.DeclareCacheEntry(
+            description=description,
+            value_producer=ValueProducer(allocate=Value[object], calc=calc),
+            prerequisites_of_calc={self._reference_port.ticket()},
+        )
 
-    def _unpack(self, vector: Array) -> _State:
+    def _make_trajectory(self, reference: RobotReference) -> ReferenceTrajectory:
+        return reference_trajectory(self._robot, reference)
+
+    def _make_preview(self, reference: RobotReference) -> Preview | None:
+        options = self._options
+        if options.preview == "none":
+            return None
+        return preview_gains(self._robot, reference, options.qp.friction, options.lqr)
+
+    def _state(self, context: Context) -> _State:
+        # A copy, since to compiled code arrays that cannot be written to are of another type.
+        vector = context.get_discrete_state_vector().value().copy()
         a, b, c = self._split
         return _State(vector[:a], vector[a:b], vector[b:c], Stance.unpack(vector[c:]))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        last = self._unpack(context.get_discrete_state_vector().value().copy())
-        self._tick(context, last, discrete_state)
+        self._tick(context, self._state(context), discrete_state)
         return EventStatus.Succeeded()
 
     def _tick(self, context: Context, last: _State, discrete_state: DiscreteValues) -> None:
@@ -213,7 +214,7 @@ class WholeBodyController(LeafSystem):
                 tick.qp, solution, tick.scheduled, stance, self._model, self._options.qp.friction
             )
         else:
-            failures = float(last.diagnostics[0]) + 1.0
+            failures = float(unpack(last.diagnostics).qp_failures) + 1.0
             diagnostics = nothing(rates.size, failures).pack()
             hold = failures <= self._options.patience
             torque = last.torque if hold else -self._options.failure_damping * rates
@@ -239,33 +240,23 @@ class WholeBodyController(LeafSystem):
             self._tuning,
             q,
             v,
-            self._trajectory_of(context),
+            self._trajectory.Eval(context)[1],
             context.get_time() - options.start + options.delay,
             last.stance,
             options.period,
             force,
-            self._preview_of(context),
+            self._preview.Eval(context)[1],
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[: self._split[0]])
+        output.SetFromVector(self._state(context).torque)
 
     def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
-        a, b, _ = self._split
-        output.SetFromVector(context.get_discrete_state_vector().value()[a:b])
+        output.SetFromVector(self._state(context).diagnostics)
 
     def _calc_reference_state(self, context: Context, output: BasicVector) -> None:
         now = context.get_time() - self._options.start
-        wanted = sample_reference(self._trajectory_of(context), now, self._options.qp.contact_ramp)
+        trajectory = self._trajectory.Eval(context)[1]
+        wanted = sample_reference(trajectory, now, self._options.qp.contact_ramp)
         q = self._robot.to_drake(wanted.q)
         output.SetFromVector(np.concatenate([q, self._robot.v_to_drake(q, wanted.v)]))
-
-
-def _made_from(reference: RobotReference, value: AbstractValue) -> bool:
-    """Whether a cache entry holds what was made from a reference, of which it keeps hold.
-
-    A source whose output counts as changed at every tick gives the same object again; what
-    is made from it is too dear to be made again.
-    """
-    held = value.get_value()
-    return isinstance(held, tuple) and held[0] is reference
