@@ -94,15 +94,15 @@ def nothing(joints: int, failures: float) -> Diagnostics:
     return Diagnostics(np.array(failures), zero, zero, feet, each, each, feet, feet, feet, feet)
 
 
-def diagnose(
+def packed_diagnosis(
     qp: QP,
     solution: Solution,
     scheduled: BoolArray,
     stance: Stance,
     robot: ControlModel,
     friction: float,
-) -> Diagnostics:
-    """Diagnostics of a solution.
+) -> Array:
+    """(13 + 2 n,) the diagnostics of a solution, as :meth:`Diagnostics.pack` has them.
 
     Args:
         qp: The problem as it was first posed, with joint limits.
@@ -112,18 +112,6 @@ def diagnose(
         robot: The model.
         friction: µ that the planned forces keep to.
     """
-    return unpack(packed_diagnosis(qp, solution, scheduled, stance, robot, friction))
-
-
-def packed_diagnosis(
-    qp: QP,
-    solution: Solution,
-    scheduled: BoolArray,
-    stance: Stance,
-    robot: ControlModel,
-    friction: float,
-) -> Array:
-    """(13 + 2 n,) what :func:`diagnose` says, as :meth:`Diagnostics.pack` has it."""
     vector: Array = _diagnosed(
         solution.x,
         torque_from(solution),

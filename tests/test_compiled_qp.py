@@ -19,7 +19,8 @@ from robomirror_drake.optimization.whole_body_diagnostics import (
     ACTIVE,
     LEAST_FORCE,
     Diagnostics,
-    diagnose,
+    packed_diagnosis,
+    unpack,
 )
 from robomirror_drake.optimization.whole_body_kernels import (
     FORCE_UNIT,
@@ -98,7 +99,7 @@ def test_diagnosis(model: ControlModel, seed: int) -> None:
     qp, solution = _solved(rng, load, model.effort)
     stance = initial_stance()._replace(load=load, touching=rng.integers(0, 2, 2) * 0.1)
     scheduled = rng.random((2, 4)) < 0.5
-    found = diagnose(qp, solution, scheduled, stance, model, FRICTION)
+    found = unpack(packed_diagnosis(qp, solution, scheduled, stance, model, FRICTION))
     expected = _plain_diagnosis(qp, solution, scheduled, stance, model.effort)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10)

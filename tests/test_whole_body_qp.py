@@ -22,7 +22,7 @@ from robomirror_drake.optimization.dynamics_terms import (
     task_motion,
 )
 from robomirror_drake.optimization.stance import Stance
-from robomirror_drake.optimization.whole_body_diagnostics import diagnose, names, unpack
+from robomirror_drake.optimization.whole_body_diagnostics import names, packed_diagnosis, unpack
 from robomirror_drake.optimization.whole_body_qp import (
     Solver,
     Targets,
@@ -181,7 +181,7 @@ def test_forces_stay_in_the_friction_cone_and_torques_within_limits(
         stance = Stance(
             load, np.zeros((2, 3)), np.zeros(3), np.ones(2), np.zeros(2), np.zeros((2, 2))
         )
-        said = diagnose(qp, solution, load > 0.0, stance, model, OPTIONS.friction)
+        said = unpack(packed_diagnosis(qp, solution, load > 0.0, stance, model, OPTIONS.friction))
         assert said.friction_margin.min() > -1e-6
         assert said.residual < 1e-5
         assert (qp.lb <= qp.ub).all()
@@ -270,13 +270,14 @@ def test_diagnostics_name_what_limits_the_solution(robot: Robot, model: ControlM
     hard = targets._replace(motion=targets.motion._replace(com=shoved), a=a)
     qp = build_qp(model, terms, hard, tuning(model, OPTIONS))
     solution = solve_qp(qp, "daqp")
-    said = diagnose(qp, solution, TOES > 0.0, stance, model, OPTIONS.friction)
+    vector = packed_diagnosis(qp, solution, TOES > 0.0, stance, model, OPTIONS.friction)
+    said = unpack(vector)
     assert abs(said.torque_limit[knee]) == 1.0 or said.joint_limit[knee] == 1.0
     assert said.slack < 1e-6
     np.testing.assert_array_equal(said.planned_contact, [0.5, 1.0])
     np.testing.assert_array_equal(said.measured_contact, [0.0, 1.0])
     labels = names(robot.joint_names)
-    vector = said.pack()
+    np.testing.assert_array_equal(said.pack(), vector)
     assert vector.shape == (len(labels),)
     assert vector[labels.index("torque_limit.L_KNEE")] == said.torque_limit[knee]
     assert vector[labels.index("measured_contact.right")] == 1.0
@@ -286,5 +287,5 @@ def test_diagnostics_name_what_limits_the_solution(robot: Robot, model: ControlM
     # Bounds that cannot be kept show as slack of what was solved without them.
     tight = qp._replace(lb=qp.lb + 0.0, ub=qp.ub.copy())
     tight.ub[knee] = solution.x[knee] - 5.0
-    relaxed = diagnose(tight, solution, TOES > 0.0, stance, model, OPTIONS.friction)
-    assert relaxed.slack == pytest.approx(5.0)
+    relaxed = packed_diagnosis(tight, solution, TOES > 0.0, stance, model, OPTIONS.friction)
+    assert unpack(relaxed).slack == pytest.approx(5.0)
