@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from scipy.signal import find_peaks, peak_prominences
 
 from robomirror_drake.goals.predicates import Goals, Predicate
 from robomirror_drake.goals.probes import STANDSTILL, SWAY, Probe, channel, smoothed
-from robomirror_drake.goals.satisfaction import judge_clause
+from robomirror_drake.goals.satisfaction import Judged, judge
 from robomirror_drake.goals.trace import RATE, Trace, from_standing
-from robomirror_drake.goals.turns import find_turns
 from robomirror_drake.messages import Array
 from robomirror_drake.robot import Robot
 
@@ -51,9 +51,16 @@ def margins(
     if held < 1 or not math.isclose(held * rate, RATE):
         raise ValueError(f"rate is {rate}; give a divisor of {RATE:.0f}")
 
+    @lru_cache(maxsize=1)  # a motion is asked for all its margins in a row
+    def judged(motion: bytes, rows: int) -> tuple[Trace, list[Judged]]:
+        world = from_standing(robot, np.frombuffer(motion).reshape(rows, -1))
+        trace = Trace(*(np.repeat(part, held, axis=0) for part in world)).window(0, held * rows)
+        return trace, judge(goals, trace)
+
     def make(predicate: Predicate) -> Margin:
         def margin(q: Array) -> tuple[float, Array]:
-            value, gradient = _margin(robot, goals, predicate, q, held)
+            trace, clauses = judged(np.asarray(q, dtype=np.float64).tobytes(), len(q))
+            value, gradient = _margin(robot, predicate, q, trace, clauses[predicate.clause], held)
             return value - cushion, gradient
 
         return margin
@@ -62,21 +69,16 @@ def margins(
 
 
 def _margin(
-    robot: Robot, goals: Goals, predicate: Predicate, q: Array, held: int
+    robot: Robot, predicate: Predicate, q: Array, trace: Trace, judged: Judged, held: int
 ) -> tuple[float, Array]:
-    world = from_standing(robot, q)
-    trace = Trace(*(np.repeat(part, held, axis=0) for part in world)).window(0, held * len(q))
-    start, stop = find_turns(goals.turns, trace)[predicate.clause]
-    asked = [p for p in goals.predicates if p.clause == predicate.clause]
-    _, mirror = judge_clause(asked, trace, int(start), int(stop))
+    _, start, stop, mirror = judged
     seen = trace.mirrored() if mirror else trace
-    window = seen.window(int(start), int(stop))
+    window = seen.window(start, stop)
     value, by_signal = margin_of(predicate, channel(window, predicate.probe.channel))
     by_window = np.zeros((held * len(q), by_signal.shape[1]))
     by_window[start:stop] = by_signal
-    first = int(start) // held
     by_sample = by_window.reshape(len(q), held, -1).sum(axis=1)
-    return value, _by_q(robot, q, predicate.probe, by_sample, first, mirror)
+    return value, _by_q(robot, q, predicate.probe, by_sample, start // held, mirror)
 
 
 def margin_of(predicate: Predicate, signal: Array) -> Reading:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,6 +55,21 @@ class Satisfaction:
         return tuple(m for m in self.measured if not m.met)
 
 
+class Judged(NamedTuple):
+    """One clause in its turn.
+
+    Attributes:
+        measured: Its predicates.
+        start, stop: First sample of the turn and the one after the last.
+        mirrored: Whether it is judged with left and right exchanged.
+    """
+
+    measured: list[Measured]
+    start: int
+    stop: int
+    mirrored: bool
+
+
 def measure(robot: Robot, goals: Goals, q: Array) -> Satisfaction:
     """Evaluates the predicates of a command on a motion (T, 30) at 60 Hz, Drake order.
 
@@ -65,27 +81,29 @@ def measure(robot: Robot, goals: Goals, q: Array) -> Satisfaction:
     Raises:
         ValueError: ``q`` is no motion of the robot.
     """
-    trace = make_trace(robot, q)
-    measured: list[Measured] = []
-    lowest: list[float] = []
-    for number, (start, stop) in enumerate(find_turns(goals.turns, trace)):
-        asked = [p for p in goals.predicates if p.clause == number]
-        best, _ = judge_clause(asked, trace, int(start), int(stop))
-        measured += best
-        lowest.append(min(m.score for m in best))
-    score = float(np.mean(lowest))
-    return Satisfaction(tuple(measured), score, all(m.met for m in measured))
+    judged = judge(goals, make_trace(robot, q))
+    measured = tuple(m for clause in judged for m in clause.measured)
+    score = float(np.mean([min(m.score for m in clause.measured) for clause in judged]))
+    return Satisfaction(measured, score, all(m.met for m in measured))
 
 
-def judge_clause(
-    asked: list[Predicate], trace: Trace, start: int, stop: int
-) -> tuple[list[Measured], bool]:
-    """One clause's predicates in its turn, and whether with left and right exchanged."""
+def judge(goals: Goals, trace: Trace) -> list[Judged]:
+    """The clauses of a command, each in its turn in a motion."""
+    return [
+        _judge_clause(
+            [p for p in goals.predicates if p.clause == number], trace, int(start), int(stop)
+        )
+        for number, (start, stop) in enumerate(find_turns(goals.turns, trace))
+    ]
+
+
+def _judge_clause(asked: list[Predicate], trace: Trace, start: int, stop: int) -> Judged:
     as_is = _judge(asked, trace.window(start, stop))
-    if not all(p.mirrored for p in asked):
-        return as_is, False
-    exchanged = _judge(asked, trace.mirrored().window(start, stop))
-    return (exchanged, True) if _rank(exchanged) > _rank(as_is) else (as_is, False)
+    if all(p.mirrored for p in asked):
+        exchanged = _judge(asked, trace.mirrored().window(start, stop))
+        if _rank(exchanged) > _rank(as_is):
+            return Judged(exchanged, start, stop, True)
+    return Judged(as_is, start, stop, False)
 
 
 def _judge(asked: list[Predicate], trace: Trace) -> list[Measured]:
