@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 from torch import Tensor
 
+from robomirror_drake.learning.metrics import balanced
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.ppn.model import PPN
 
@@ -57,7 +58,4 @@ def balanced_accuracy(logit: Tensor, fall: Tensor, threshold: float = 0.0) -> fl
 
     It is what the accuracy on a sample with as many falls as not comes to on average.
     """
-    said = logit > threshold
-    hit = said[fall].float().mean() if bool(fall.any()) else torch.tensor(float("nan"))
-    passed = (~said[~fall]).float().mean()
-    return float(0.5 * (hit + passed))
+    return balanced((logit > threshold).numpy(), fall.numpy())
