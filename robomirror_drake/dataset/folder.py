@@ -49,10 +49,7 @@ def describe(folder: Path, name: str, told: Mapping[str, Any], kind: str) -> Non
     """
     path = folder / name
     if path.exists():
-        try:
-            there = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ResultError(f"{path}: {error}") from error
+        there = description(folder, name)
         if found := difference(there, json.loads(json.dumps(told))):
             raise InputError(f"{folder} holds another {kind}: {found}; name a new folder")
         return
@@ -61,6 +58,20 @@ def describe(folder: Path, name: str, told: Mapping[str, Any], kind: str) -> Non
     work = path.with_suffix(".partial")
     work.write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     work.rename(path)
+
+
+def description(folder: Path, name: str = "dataset.json") -> dict[str, Any]:
+    """What a folder says that it holds.
+
+    Raises:
+        ResultError: The file that says so is missing or damaged.
+    """
+    path = folder / name
+    try:
+        told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultError(f"{path}: {error}") from error
+    return told
 
 
 def difference(there: Any, here: Any, name: str = "") -> str | None:

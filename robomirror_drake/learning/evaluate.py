@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,8 +11,9 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 from threadpoolctl import threadpool_limits
 
+from robomirror_drake.dataset.folder import description
 from robomirror_drake.dataset.windows import ERRORS
-from robomirror_drake.exceptions import ConfigError, ResultError
+from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.learning.baselines import fit_baselines
 from robomirror_drake.learning.calibrate import balanced_threshold
 from robomirror_drake.learning.judge import (
@@ -103,8 +103,8 @@ def _judge(
     models: list[Weights], data: Windows, robot: Robot, options: EvaluateOptions, report: Report
 ) -> list[Judgement]:
     """Models of one horizon, then the baselines, on the same windows."""
-    unseen, held, judged = (_windows(data, name) for name in ("test", "held_out", "validation"))
-    _check(options.data, "test", data, unseen)
+    unseen, held, judged = (data.of_split(name) for name in ("test", "held_out", "validation"))
+    data.check_falls(unseen, options.data, "of the split 'test'")
     truths = [Truth.of(data, which) for which in (unseen, held)]
     draws = [Draws(truth.command, options.draws, options.seed) for truth in truths]
     horizon = models[0].options.horizon
@@ -117,7 +117,7 @@ def _judge(
     if options.baselines:
         learned = data.of(lambda row: row["split"] == "train")
         for name, which in (("validation", judged), ("train", learned)):
-            _check(options.data, name, data, which)
+            data.check_falls(which, options.data, f"of the split {name!r}")
         with threadpool_limits(options.threads):
             fitted = fit_baselines(
                 data, learned, judged, robot, models[0].options, options.seed,
@@ -184,35 +184,21 @@ def _compare(judged: list[Judgement], draws: Draws) -> None:
         }
 
 
-def _check(folder: Path, split: str, data: Windows, which: Integers) -> None:
-    falls = int(data.fall[which].sum())
-    if falls == 0 or falls == len(which):
-        raise ResultError(
-            f"{folder}: of {len(which)} windows of the split {split!r}, {falls} have a fall; "
-            "some must and some must not: execute more commands"
-        )
-
-
-def _windows(data: Windows, split: str) -> Integers:
-    """Windows of a split, mirrored episodes aside."""
-    return data.of(lambda row: row["split"] == split and not row["mirrored"])
-
-
 def _parts(data: Windows) -> dict[str, dict[str, int]]:
     """How much there is of each split."""
     names = ("train", "validation", "test", "held_out")
-    return {name: Truth.of(data, _windows(data, name)).counts() for name in names}
+    return {name: Truth.of(data, data.of_split(name)).counts() for name in names}
 
 
 def _told_of(folder: Path) -> dict[str, Any]:
     """What a data set says of how it was made.
 
     Raises:
-        ConfigError: The file that says so is damaged.
+        ConfigError: It does not say all of it.
+        ResultError: The file that says so is missing or damaged.
     """
-    path = folder / "dataset.json"
+    told = description(folder)
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
         return {
             "folder": str(folder),
             "seed": told["options"]["seed"],
@@ -221,5 +207,7 @@ def _told_of(folder: Path) -> dict[str, Any]:
             "prompts": told["prompts"],
             "versions": told["versions"],
         }
-    except (OSError, ValueError, KeyError) as error:
-        raise ConfigError(f"{path}: does not tell what data set this is: {error}") from error
+    except KeyError as error:
+        raise ConfigError(
+            f"{folder}/dataset.json: does not tell what data set this is: {error}"
+        ) from error

@@ -23,7 +23,8 @@ from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
 from robomirror_drake import checkpoint
-from robomirror_drake.exceptions import ConfigError, ResultError
+from robomirror_drake.dataset.folder import description
+from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.learning.calibrate import balanced_accuracy, calibrate
 from robomirror_drake.learning.windows import Integers, Windows, load_windows
 from robomirror_drake.ppn.model import PPN, Scores
@@ -224,14 +225,9 @@ def _splits(data: Windows, options: TrainOptions) -> tuple[Integers, Integers]:
     order = np.random.default_rng(options.seed).permutation(prompts)
     kept = set(order[: math.ceil(options.share * len(order))].tolist())
     learned = data.of(lambda row: row["prompt_index"] in kept)
-    judged = data.of(lambda row: row["split"] == "validation" and not row["mirrored"])
+    judged = data.of_split("validation")
     for name, which in (("train", learned), ("validation", judged)):
-        falls = int(data.fall[which].sum())
-        if falls == 0 or falls == len(which):
-            raise ResultError(
-                f"{options.data}: of {len(which)} windows for {name}, {falls} have a fall; "
-                "some must and some must not: execute more commands"
-            )
+        data.check_falls(which, options.data, f"for {name}")
     return learned, judged
 
 
@@ -265,8 +261,7 @@ def _described(data: Windows, learned: Integers, judged: Integers) -> dict[str, 
 
 def physics_of(data: Path) -> dict[str, Any]:
     """What of a data set's scenario decides how the robot fares; empty where it does not say."""
-    about = json.loads((data / "dataset.json").read_text(encoding="utf-8"))
-    scenario = about.get("scenario", {})
+    scenario = description(data).get("scenario", {})
     return {name: scenario[name] for name in ("robot", "planner", "simulation") if name in scenario}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 import pyarrow.compute as pc
 import torch
 from torch import Tensor
 
+from robomirror_drake.dataset.folder import description
 from robomirror_drake.dataset.shards import read_frames, read_shards
 from robomirror_drake.dataset.windows import Labels, Track, label_windows
 from robomirror_drake.exceptions import ResultError
@@ -32,6 +31,7 @@ from robomirror_drake.ppn.features import (
 from robomirror_drake.ppn.mirror import Mirror
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.robot import Robot
+from robomirror_drake.tables import rows_in_shape
 
 _LEAST_ERROR = 1e-4  # errors below are alike: the logarithm of nothing is not to be learned
 
@@ -98,6 +98,28 @@ class Windows:
         """Windows of the episodes that a rule keeps."""
         wanted = np.array([keep(row) for row in self.episodes], dtype=np.bool_)
         return np.flatnonzero(wanted[self.episode])
+
+    def of_split(self, split: str) -> Integers:
+        """Windows of a split, mirrored episodes aside."""
+        return self.of(lambda row: row["split"] == split and not row["mirrored"])
+
+    def check_falls(self, which: Integers, folder: Path, words: str) -> None:
+        """Makes sure that some windows have a fall and some have none.
+
+        Args:
+            which: The windows.
+            folder: Of the data set.
+            words: What the windows are, for the message.
+
+        Raises:
+            ResultError: All of them are of one kind.
+        """
+        falls = int(self.fall[which].sum())
+        if falls == 0 or falls == len(which):
+            raise ResultError(
+                f"{folder}: of {len(which)} windows {words}, {falls} have a fall; "
+                "some must and some must not: execute more commands"
+            )
 
 
 def load_windows(
@@ -177,15 +199,16 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
         ResultError: It was made before episodes held their kinematic reference.
     """
     wanted = ["episode", "time", "q", "v", "q_raw", "v_raw"]
+    run: dict[str, float] = {}
     for shard, table in read_shards(folder):
         if "raw_q" not in table.column_names:
             raise ResultError(f"{shard.episodes} has no column raw_q; make the data set anew")
         rows = table.filter(pc.greater(table["frames"], 1))
         if not len(rows):
             continue
-        frames, run = read_frames(shard, wanted), _run_of(folder)
+        frames, run = read_frames(shard, wanted), run or _run_of(folder)
         number = frames["episode"].to_numpy()
-        columns = {name: _array(frames[name]) for name in wanted[1:]}
+        columns = {name: rows_in_shape(frames, name) for name in wanted[1:]}
         for about in rows.to_pylist():
             where = slice(*np.searchsorted(number, [about["episode"], about["episode"] + 1]))
             q = columns["q"][where]
@@ -200,15 +223,16 @@ def read_episodes_of(folder: Path) -> Iterator[Episode]:
 
 def _run_of(folder: Path) -> dict[str, float]:
     """How long the last pose of executions is held, and where they are cut off [s]."""
-    path = folder / "dataset.json"
+    told = description(folder)
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
         return {
             "hold_s": told["scenario"]["simulation"]["hold"],
             "longest_s": told["options"]["longest"],
         }
-    except (OSError, ValueError, KeyError) as error:
-        raise ResultError(f"{path}: does not tell how long executions last: {error!r}") from error
+    except KeyError as error:
+        raise ResultError(
+            f"{folder}/dataset.json: does not tell how long executions last: {error!r}"
+        ) from error
 
 
 def _windows(
@@ -240,11 +264,3 @@ def _windows(
         "time_to_fall": torch.from_numpy(labels.time_to_fall).float(),
         "errors": torch.from_numpy(np.log(np.maximum(labels.errors, _LEAST_ERROR))).float(),
     }
-
-
-def _array(column: pa.ChunkedArray) -> npt.NDArray[Any]:
-    """A column as an array, rows first."""
-    values = column.combine_chunks()
-    if not pa.types.is_fixed_size_list(values.type):
-        return np.asarray(values.to_numpy())
-    return np.asarray(values.flatten().to_numpy()).reshape(len(values), -1)

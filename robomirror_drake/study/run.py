@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from robomirror_drake.config import Scenario
-from robomirror_drake.dataset.folder import describe, difference, locked
+from robomirror_drake.dataset.folder import describe, description, difference, locked
 from robomirror_drake.dataset.pool import Pool, here
 from robomirror_drake.dataset.prompts import Prompt, read_prompts, write_prompts
-from robomirror_drake.exceptions import InputError
+from robomirror_drake.exceptions import InputError, ResultError
 from robomirror_drake.ppn.predictor import load_predictor
 from robomirror_drake.results import installed_versions
 from robomirror_drake.robot import load_robot
@@ -188,8 +188,8 @@ def _take_over(other: Path, folder: Path, told: Mapping[str, Any], damaged: list
         InputError: There is no study, or of other physics or commands.
     """
     try:
-        there = json.loads((other / "study.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        there = description(other, "study.json")
+    except ResultError as error:
         raise InputError(f"{other} holds no study: {error}") from error
     pair = ({key: one.get(key) for key in ("commands", "screening")} for one in (there, told))
     if found := difference(*(json.loads(json.dumps(part)) for part in pair)):
