@@ -88,7 +88,7 @@ def margin_of(predicate: Predicate, signal: Array) -> Reading:
         return _bump_margin(probe, signal, round(least), math.isfinite(most))
     if probe.kind == "time":
         return _time_margin(probe, signal, math.ceil(least * RATE - 1e-9))
-    value, by_signal = _READERS[probe.kind](probe, signal)
+    value, by_signal = probe.figure(signal), _SLOPES[probe.kind](probe, signal)
     scale = predicate.wanted if predicate.wanted > 0.0 else most
     if most - value < value - least or predicate.wanted <= least:
         return (most - value) / scale, -by_signal / scale
@@ -169,43 +169,42 @@ def _time_margin(probe: Probe, signal: Array, samples: int) -> Reading:
     return float((along[least] - probe.level) / (2 * probe.level)), by_signal
 
 
-def _near(probe: Probe, signal: Array) -> Reading:
+def _near(probe: Probe, signal: Array) -> Array:
     away = signal - probe.level * probe.axis
     lengths = np.linalg.norm(away, axis=1)
     i, by_signal = int(np.argmin(lengths)), np.zeros_like(signal)
     if lengths[i] > 0.0:
         by_signal[i] = -away[i] / lengths[i]
-    return float(probe.level - lengths[i]), by_signal
+    return by_signal
 
 
-def _reach(probe: Probe, signal: Array) -> Reading:
-    along, by_signal = signal @ probe.axis, np.zeros_like(signal)
-    i = int(np.argmax(along))
-    by_signal[i] = probe.axis
-    return float(along[i]), by_signal
+def _reach(probe: Probe, signal: Array) -> Array:
+    by_signal = np.zeros_like(signal)
+    by_signal[int(np.argmax(signal @ probe.axis))] = probe.axis
+    return by_signal
 
 
-def _net(probe: Probe, signal: Array) -> Reading:
+def _net(probe: Probe, signal: Array) -> Array:
     by_signal = np.zeros_like(signal)
     by_signal[-1] += probe.axis
     by_signal[0] -= probe.axis
-    return float((signal[-1] - signal[0]) @ probe.axis), by_signal
+    return by_signal
 
 
-def _aside(probe: Probe, signal: Array) -> Reading:
+def _aside(probe: Probe, signal: Array) -> Array:
     way, by_signal = signal[-1] - signal[0], np.zeros_like(signal)
     length = float(np.linalg.norm(way))
     if length < STANDSTILL:
-        return np.pi, by_signal
+        return by_signal
     cosine = float(np.clip(way @ probe.axis / length, -1.0, 1.0))
     sine = math.sqrt(1.0 - cosine**2)
     if sine > 0.0:
         by_signal[-1] = -(probe.axis - cosine * way / length) / (length * sine)
         by_signal[0] -= by_signal[-1]
-    return math.acos(cosine), by_signal
+    return by_signal
 
 
-def _total(_: Probe, signal: Array) -> Reading:
+def _total(_: Probe, signal: Array) -> Array:
     steps = np.diff(smoothed(signal), axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / np.maximum(lengths, 1e-300)[:, None]
@@ -216,27 +215,27 @@ def _total(_: Probe, signal: Array) -> Reading:
     by_signal = np.zeros_like(signal)
     for shift in range(-(width // 2), width - width // 2):
         np.add.at(by_signal, np.clip(np.arange(last + 1) + shift, 0, last), by_smooth / width)
-    return float(lengths.sum()), by_signal
+    return by_signal
 
 
-def _span(probe: Probe, signal: Array) -> Reading:
+def _span(probe: Probe, signal: Array) -> Array:
     along, by_signal = signal @ probe.axis, np.zeros_like(signal)
     by_signal[int(np.argmax(along))] += probe.axis
     by_signal[int(np.argmin(along))] -= probe.axis
-    return float(np.ptp(along)), by_signal
+    return by_signal
 
 
-def _still(_: Probe, signal: Array) -> Reading:
+def _still(_: Probe, signal: Array) -> Array:
     away = signal - signal[0]
     lengths = np.linalg.norm(away, axis=1)
     i, by_signal = int(np.argmax(lengths)), np.zeros_like(signal)
     if lengths[i] > 0.0:
         by_signal[i] += away[i] / lengths[i]
         by_signal[0] -= away[i] / lengths[i]
-    return float(lengths[i]), by_signal
+    return by_signal
 
 
-_READERS: dict[str, Callable[[Probe, Array], Reading]] = {
+_SLOPES: dict[str, Callable[[Probe, Array], Array]] = {
     "near": _near,
     "reach": _reach,
     "net": _net,
@@ -245,3 +244,4 @@ _READERS: dict[str, Callable[[Probe, Array], Reading]] = {
     "span": _span,
     "still": _still,
 }
+"""By kind of probe, the derivative of its figure by the channel."""

@@ -56,7 +56,11 @@ class Probe(NamedTuple):
 
     def read(self, trace: Trace) -> float:
         """The figure of a motion."""
-        return _READERS[self.kind](self, channel(trace, self.channel))
+        return self.figure(channel(trace, self.channel))
+
+    def figure(self, signal: Array) -> float:
+        """The figure of what is in the channel, (T, k)."""
+        return _READERS[self.kind](self, signal)
 
 
 def channel(trace: Trace, name: Channel) -> Array:
