@@ -85,10 +85,7 @@ def sample(
         (np.ascontiguousarray(R[:, 1:]), np.ascontiguousarray(position[:, 1:])),
         start,
     )
-    half = np.linalg.norm(phi[:, 0], axis=1, keepdims=True) / 2.0
-    quaternion = product(
-        np.hstack([np.cos(half), np.sinc(half / np.pi) * phi[:, 0] / 2.0]), at.base
-    )
+    quaternion = product(rotations.exp_quaternion(phi[:, 0]), at.base)
     q = np.hstack([quaternion, position[:, 0], joints])
     poses = body_poses(
         legs.tree, np.ascontiguousarray(R[:, 0]), np.hstack([position[:, 0], 0 * phi[:, 0], joints])

@@ -69,7 +69,7 @@ class Course(NamedTuple):
     @property
     def step(self) -> float:
         """From one sample to the next [s]."""
-        return self.plan.duration / (len(self.plan.time) - 1)
+        return _step(self.plan)
 
 
 def begun(commanded: RobotReference, plan: RobotReference) -> Course:
@@ -82,31 +82,40 @@ def begun(commanded: RobotReference, plan: RobotReference) -> Course:
     """
     tempo = plan.residuals.get("time_scale", 1.0) if plan.planned else 1.0
     raw = commanded if abs(tempo - 1.0) < _SAME else slowed(commanded, tempo)
-    step = plan.duration / (len(plan.time) - 1)
-    own = np.arange(len(plan.time)) - round(plan.lead / step)
+    return Course(_led(raw, plan), plan, commanded)
+
+
+def _led(raw: RobotReference, plan: RobotReference) -> RobotReference:
+    """A kinematic reference on the time of its plan, with its contacts, at rest in added time."""
+    own = np.arange(len(plan.time)) - round(plan.lead / _step(plan))
     row = np.clip(own, 0, len(raw.time) - 1)
     moving = (row == own)[:, None]
-    led = replace(
+    return replace(
         plan,
         q=raw.q[row],
         v=np.where(moving, raw.v[row], 0.0),
         a=np.where(moving, raw.a[row], 0.0),
-        residuals=commanded.residuals,
+        residuals=raw.residuals,
         foot_force=None,
         planned=False,
     )
-    return Course(led, plan, commanded)
+
+
+def _step(reference: RobotReference) -> float:
+    """From one sample to the next [s]."""
+    return reference.duration / (len(reference.time) - 1)
 
 
 def remainder(reference: RobotReference, frame: int) -> RobotReference:
     """A reference from one of its samples on, with time from 0; it has two samples at least."""
     rows = slice(min(frame, len(reference.time) - 2), None)
-    assert reference.foot_force is not None  # always set by the message itself
     return replace(
         reference,
         time=reference.time[: len(reference.time[rows])] - reference.time[0],
-        **{name: getattr(reference, name)[rows] for name in ("q", "v", "a", "contact")},
-        foot_force=reference.foot_force[rows],
+        **{
+            name: getattr(reference, name)[rows]
+            for name in ("q", "v", "a", "contact", "foot_force")
+        },
         lead=0.0,
     )
 
@@ -160,7 +169,7 @@ def stopped(
         settling: Time to come to rest that is added at the end [s].
         count: How many halts to look for.
     """
-    step, frames = rest.duration / (len(rest.time) - 1), len(rest.time)
+    step, frames = _step(rest), len(rest.time)
     stands: BoolArray = np.asarray(rest.contact.any(axis=2))
     least, margin = round(soonest / step), round(_STANDING / step)
     flight = np.flatnonzero(~stands.any(axis=1))
@@ -180,7 +189,7 @@ def stopped(
 
 def _halted(rest: RobotReference, halt: float, brake: float, settling: float) -> RobotReference:
     """A motion that slows down over a time ``brake`` to rest at ``halt`` in its own time [s]."""
-    step = rest.duration / (len(rest.time) - 1)
+    step = _step(rest)
     begin = halt - 0.5 * brake
     count = int(np.ceil((begin + brake + settling) / step))
     time = np.arange(count + 1, dtype=np.float64) * step
@@ -228,7 +237,7 @@ def foreseen(
     away = v[-1] - v_now[0]
     gone = _FADING * (1.0 - fading) * away
     turn = product(q[-1:, :4], q_now[:, :4] * [1.0, -1.0, -1.0, -1.0]).repeat(len(rows), axis=0)
-    turn = product(rotations.quaternion(rotations.exp(gone[:, :3])), turn)
+    turn = product(rotations.exp_quaternion(gone[:, :3]), turn)
     led = plan.q[rows] + np.concatenate([np.zeros(4), q[-1, 4:] - q_now[0, 4:]])
     led[:, 4:] += gone[:, 3:]
     led[:, :4] = product(turn, plan.q[rows, :4])
@@ -275,19 +284,8 @@ def handed_over(
     old = course.plan
     state = State(old.q[frame], old.v[frame], old.a[frame])
     plan = plan_window(robot, rest, state, options, last=True).reference
-    row = np.minimum(np.arange(len(plan.time)), len(rest.time) - 1)
-    held = (row < np.arange(len(plan.time)))[:, None]
-    padded = replace(
-        rest,
-        time=plan.time,
-        q=rest.q[row],
-        v=np.where(held, 0.0, rest.v[row]),
-        a=np.where(held, 0.0, rest.a[row]),
-        contact=plan.contact,
-        foot_force=None,
-    )
     return Course(
-        _spliced(course.commanded, padded, frame),
+        _spliced(course.commanded, _led(rest, plan), frame),
         _spliced(old, plan, frame),
         course.asked,
         (change or Change()).after(course.change),
@@ -296,8 +294,7 @@ def handed_over(
 
 def _spliced(old: RobotReference, new: RobotReference, frame: int) -> RobotReference:
     """One reference before a sample, another one from it on; the residuals are the other one's."""
-    step = old.duration / (len(old.time) - 1)
-    time = np.concatenate([old.time, step * np.arange(len(old.time), frame + len(new.time))])
+    time = np.concatenate([old.time, _step(old) * np.arange(len(old.time), frame + len(new.time))])
 
     def joined(name: str) -> Array:
         return np.concatenate([getattr(old, name)[:frame], getattr(new, name)])

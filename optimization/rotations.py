@@ -15,6 +15,11 @@ def exp(phi: Array) -> Array:
     return np.asarray(flat).reshape(*phi.shape, 3)
 
 
+def exp_quaternion(phi: Array) -> Array:
+    """(N, 4) quaternions wxyz of rotations by vectors (N, 3) [rad], continuous in them."""
+    return np.asarray(Rotation.from_rotvec(phi).as_quat(scalar_first=True))
+
+
 def log(R: Array) -> Array:
     """(…, 3) rotation vectors of rotations (…, 3, 3) [rad]."""
     flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
