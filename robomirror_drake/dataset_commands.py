@@ -13,7 +13,9 @@ from rich.progress import Progress as Bars
 from rich.table import Table
 
 from robomirror_drake.terminal import (
+    AddressOption,
     JsonOption,
+    WorkersOption,
     check_file,
     console,
     out,
@@ -87,13 +89,8 @@ def generate(
     seed: SeedOption = None,
     settings: SettingsOption = "default",
     limit: Annotated[int | None, typer.Option(min=1, help="The first so many commands.")] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=0, help="Processes; one a core by default; 0: this one, without Ray."),
-    ] = None,
-    address: Annotated[
-        str | None, typer.Option(help="Of a Ray cluster whose machines have this package.")
-    ] = None,
+    workers: WorkersOption = None,
+    address: AddressOption = None,
     scenario: ScenarioOption = "default",
 ) -> None:
     """Execute commands and write what happens; after a kill the same command goes on.

@@ -15,13 +15,14 @@ from rich.table import Table
 
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.terminal import (
+    HtmlOption,
     JsonOption,
     check_file,
     console,
     out,
     progress_bars,
     write_json,
-    write_text,
+    write_page,
 )
 
 if TYPE_CHECKING:
@@ -191,7 +192,7 @@ def evaluate(
     threads: Annotated[int, typer.Option(help="Of the processor.")] = 1,
     robot: Annotated[str, typer.Option(help="Robot of the data set.")] = "jvrc1",
     json_file: JsonOption = None,
-    html: Annotated[Path | None, typer.Option(help="Write a page with plots here.")] = None,
+    html: HtmlOption = None,
     card: Annotated[
         Path | None, typer.Option(help="Write a card for the weights here, in Markdown.")
     ] = None,
@@ -229,10 +230,7 @@ def evaluate(
         figures, judged = run([*(weights or []), *(more or [])], options, report)
     print_evaluation(figures, out)
     write_json(json_file, plain(figures))
-    for path, text in (
-        (html, html and render_evaluation(figures, judged)),
-        (card, card and render_card(figures)),
-    ):
-        if path is not None:
-            write_text(path, str(text))
-            console.print(f"wrote {path}", highlight=False)
+    if html is not None:
+        write_page(html, render_evaluation(figures, judged))
+    if card is not None:
+        write_page(card, render_card(figures))

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robomirror_drake.terminal import (
+    AddressOption,
+    HtmlOption,
     JsonOption,
+    WorkersOption,
     check_file,
     console,
     out,
     progress_bars,
     write_json,
-    write_text,
+    write_page,
 )
 
 if TYPE_CHECKING:
@@ -38,14 +41,9 @@ def study(
         typer.Option("--out", help="Folder of the study; goes on there. By default results/NAME."),
     ] = None,
     json_file: JsonOption = None,
-    html: Annotated[Path | None, typer.Option(help="Write a page with plots here.")] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=0, help="Processes; one a core by default; 0: this one, without Ray."),
-    ] = None,
-    address: Annotated[
-        str | None, typer.Option(help="Of a Ray cluster whose machines have this package.")
-    ] = None,
+    html: HtmlOption = None,
+    workers: WorkersOption = None,
+    address: AddressOption = None,
     screened: Annotated[
         Path | None,
         typer.Option(help="Folder of a study of other weights or methods: what falls is known."),
@@ -102,5 +100,4 @@ def study(
     out.print(f"{place}: every command and method, as Parquet", highlight=False, soft_wrap=True)
     write_json(json_file, figures)
     if html is not None:
-        write_text(html, render_study(found, figures))
-        console.print(f"wrote {html}", highlight=False)
+        write_page(html, render_study(found, figures))

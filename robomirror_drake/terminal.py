@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from robomirror_drake.results import Result
 
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
+HtmlOption = Annotated[Path | None, typer.Option(help="Write a page with plots here.")]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=0, help="Processes; one a core by default; 0: this one, without Ray."),
+]
+AddressOption = Annotated[
+    str | None, typer.Option(help="Of a Ray cluster whose machines have this package.")
+]
 
 console = Console(stderr=True)
 # Tables keep their width in a file or a pipe.
@@ -97,11 +105,16 @@ def write_text(path: Path, text: str) -> None:
         raise ResultError(f"cannot write {path}: {error}") from error
 
 
+def write_page(path: Path, text: str) -> None:
+    """Writes a file that the user has asked for, and says so."""
+    write_text(path, text)
+    console.print(f"wrote {path}", highlight=False)
+
+
 def write_json(path: Path | None, figures: dict[str, Any]) -> None:
     """Writes figures where the user wants them in a file."""
     if path is not None:
-        write_text(path, json.dumps(figures, indent=2, allow_nan=False) + "\n")
-        console.print(f"wrote {path}", highlight=False)
+        write_page(path, json.dumps(figures, indent=2, allow_nan=False) + "\n")
 
 
 def slug(command: str) -> str:
