@@ -112,14 +112,9 @@ def trained(row: dict[str, Any]) -> str:
 
 def render_card(figures: dict[str, Any]) -> str:
     """A card for weights, in Markdown; every number in it is from the figures."""
-    return render(
+    return _render(
         "ppn_card.md",
-        figures=figures,
-        units=UNITS,
-        squared=squared,
-        accuracy=accuracy,
-        percent=percent,
-        early=EARLY,
+        figures,
         networks=[row for row in figures["rows"] if "trained_on" in row],
     )
 
@@ -141,16 +136,25 @@ def render_evaluation(figures: dict[str, Any], judged: Sequence[Judgement]) -> s
             }
         )
     curve = plots.learning_curve(figures["rows"])
-    return render(
+    return _render(
         "evaluation.html",
-        figures=figures,
+        figures,
         sections=sections,
+        bins=BINS,
+        trained=trained,
+        curve=None if curve is None else plot(curve, "learning_curve"),
+    )
+
+
+def _render(template: str, figures: dict[str, Any], **values: Any) -> str:
+    """A template with the figures, what they are in, and how they are written."""
+    return render(
+        template,
+        figures=figures,
         units=UNITS,
         early=EARLY,
-        bins=BINS,
         accuracy=accuracy,
         percent=percent,
         squared=squared,
-        trained=trained,
-        curve=None if curve is None else plot(curve, "learning_curve"),
+        **values,
     )
