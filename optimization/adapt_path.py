@@ -28,7 +28,7 @@ from robomirror_drake.optimization.adapt_legs import Legs
 from robomirror_drake.optimization.adapt_options import AdaptOptions
 from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.optimization.floating_base import continuous
-from robomirror_drake.optimization.kinematics import body_poses, center_of_mass
+from robomirror_drake.optimization.kinematics import center_of_mass, configuration_poses
 from robomirror_drake.optimization.plan_tempo import flying
 from robomirror_drake.robot import rotation_matrix
 
@@ -153,8 +153,7 @@ def make_path(legs: Legs, reference: RobotReference, options: AdaptOptions) -> M
     time = np.asarray(reference.time - reference.time[0])
     dt = time[-1] / (len(time) - 1)
     links = np.array([0, *legs.chain[:, -1]])
-    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
-    R, p = body_poses(legs.tree, rotation_matrix(q[:, :4]), x)
+    R, p = configuration_poses(legs.tree, q)
     center = center_of_mass(legs.tree, R, p)
     R, p = R[:, links], p[:, links]
     upper = q[:, 7:][:, legs.upper]

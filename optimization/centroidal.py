@@ -28,7 +28,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from robomirror_drake.messages import Array
-from robomirror_drake.optimization.kinematics import Tree, body_poses, make_tree
+from robomirror_drake.optimization.kinematics import Tree, configuration_poses, make_tree
 from robomirror_drake.robot import Robot, rotation_matrix
 
 GRAVITY = 9.81
@@ -234,8 +234,7 @@ def link_poses(robot: Robot, frames: list[int], x: Array) -> Array:
 
 def _placed(robot: Robot, x: Array) -> tuple[Array, Array]:
     """(T, B, 3, 3), (T, B, 3) poses of the bodies."""
-    upright = np.concatenate([x[:, 4:7], np.zeros((len(x), 3)), x[:, 7:]], axis=1)
-    return body_poses(_tree(robot), rotation_matrix(unit_quaternions(x)[:, :4]), upright)
+    return configuration_poses(_tree(robot), unit_quaternions(x))
 
 
 def _carried(model: Any, frames: list[int], R: Array, p: Array) -> Array:

@@ -24,7 +24,7 @@ import pinocchio as pin
 from numba import njit
 
 from robomirror_drake.messages import Array
-from robomirror_drake.robot import Robot
+from robomirror_drake.robot import Robot, rotation_matrix
 
 Indices = npt.NDArray[np.int64]
 
@@ -134,6 +134,13 @@ def body_poses(tree: Tree, reference: Array, x: Array) -> tuple[Array, Array]:
     """
     R, p = _body_poses(tree, reference, x)
     return np.asarray(R), np.asarray(p)
+
+
+def configuration_poses(tree: Tree, q: Array) -> tuple[Array, Array]:
+    """Poses of all bodies at configurations (T, 30) in Drake's order, as :func:`body_poses`."""
+    # Without an offset the frame's orientation is the reference's.
+    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
+    return body_poses(tree, rotation_matrix(q[:, :4]), x)
 
 
 def positions(points: Points, R: Array, p: Array) -> Array:

@@ -12,7 +12,7 @@ from robomirror_drake.optimization.kinematics import (
     Capsules,
     Points,
     Tree,
-    body_poses,
+    configuration_poses,
     distances,
     make_capsules,
     make_points,
@@ -20,7 +20,7 @@ from robomirror_drake.optimization.kinematics import (
     positions,
 )
 from robomirror_drake.optimization.retarget_targets import RATE, Proportions, Targets, proportions
-from robomirror_drake.robot import FEET, Robot, rotation_matrix
+from robomirror_drake.robot import FEET, Robot
 
 
 class RobotTables(NamedTuple):
@@ -84,9 +84,7 @@ def residuals(tables: RobotTables, targets: Targets, q: Array, v: Array) -> dict
         velocity [rad/s] limit, whichever figure is the greater;
         ``jerk_rms``: root mean square of the joints' third differences [rad/s³].
     """
-    # Without an offset the frame's orientation is the reference's.
-    x = np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]])
-    R, p = body_poses(tables.tree, rotation_matrix(q[:, :4]), x)
+    R, p = configuration_poses(tables.tree, q)
     miss = np.linalg.norm(positions(tables.keypoints, R, p) - targets.keypoints, axis=2)
     jerk = np.diff(q[:, 7:], 3, axis=0) * RATE**3
     return {
