@@ -189,11 +189,15 @@ def _writer(where: Path | pa.BufferOutputStream, schema: pa.Schema) -> pq.Parque
     )
 
 
-def _encode_episodes(episodes: pa.Table, digest: str) -> bytes:
+def encode_table(table: pa.Table) -> bytes:
+    """A table as a Parquet file, every page of it with its checksum."""
     sink = pa.BufferOutputStream()
-    marked = episodes.replace_schema_metadata({DIGEST: digest})
-    pq.write_table(marked, sink, compression="zstd", write_page_checksum=True)
+    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     return bytes(sink.getvalue().to_pybytes())
+
+
+def _encode_episodes(episodes: pa.Table, digest: str) -> bytes:
+    return encode_table(episodes.replace_schema_metadata({DIGEST: digest}))
 
 
 def _read(path: Path, columns: list[str] | None = None) -> pa.Table:

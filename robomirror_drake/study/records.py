@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from typing import Any, Final, NamedTuple
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from robomirror_drake.config import Scenario
-from robomirror_drake.dataset.columns import Column, rows_table
+from robomirror_drake.dataset.columns import Column
 from robomirror_drake.dataset.prompts import Prompt
 from robomirror_drake.study.options import StudyOptions, Variant
 
@@ -129,10 +128,3 @@ def of_variant(variant: Variant) -> Row:
 def variant_of(row: Mapping[str, Any]) -> Variant:
     """The variant that a row is of."""
     return Variant(**{field.name: row[field.name] for field in fields(Variant)})
-
-
-def encode(rows: Sequence[Row], columns: Sequence[Column]) -> bytes:
-    """Rows as a Parquet file, every page of it with its checksum."""
-    sink = pa.BufferOutputStream()
-    pq.write_table(rows_table(rows, columns), sink, compression="zstd", write_page_checksum=True)
-    return bytes(sink.getvalue().to_pybytes())

@@ -18,9 +18,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from robomirror_drake.dataset.columns import Column
-from robomirror_drake.dataset.shards import write_whole
-from robomirror_drake.study.records import Row, encode
+from robomirror_drake.dataset.columns import Column, rows_table
+from robomirror_drake.dataset.shards import encode_table, write_whole
+from robomirror_drake.study.records import Row
 
 
 class Part:
@@ -68,5 +68,5 @@ def write_file(path: Path, rows: Sequence[Row], columns: Sequence[Column]) -> No
     Raises:
         ResultError: It cannot be written.
     """
-    file = encode(rows, columns)
+    file = encode_table(rows_table(rows, columns))
     write_whole(path, lambda work: work.write_bytes(file))
