@@ -10,25 +10,17 @@ from robomirror_drake.messages import Array, HumanMotion
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.ground import FEET, face_forward
 from robomirror_drake.motion.skeleton import INDEX
+from robomirror_drake.stick_figures import Shape, chains, figure
 
 MOMENTS = 7
 """Figures in a strip."""
 
-_AZIMUTH = np.deg2rad(25.0)  # the camera looks from the right side, this much from ahead
 _SCALE = 44.0  # of figures [px/m]
 _SLOT, _TOP, _GROUND = 58.0, 6.0, 110.0  # width of a figure's place, and heights [px]
 _MAP = 96.0  # size of the view from above [px]
-_LEFT, _RIGHT, _TRUNK = "l", "r", "t"  # classes that the page gives colours
 
-_CHAINS = (
-    (_TRUNK, ("pelvis", "spine1", "spine2", "spine3", "neck", "head")),
-    (_TRUNK, ("left_shoulder", "neck", "right_shoulder")),
-    (_TRUNK, ("left_hip", "pelvis", "right_hip")),
-    *(
-        (color, tuple(f"{side}_{joint}" for joint in joints))
-        for side, color in (("left", _LEFT), ("right", _RIGHT))
-        for joints in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot"))
-    ),
+_CHAINS = chains(
+    ("pelvis", "spine1", "spine2", "spine3", "neck", "head"), ("hip", "knee", "ankle", "foot")
 )
 _AT_REST = 0.15  # slower than this, no joint is going anywhere [m/s]
 _HEAD = 0.10  # radius, over the skull's base [m]
@@ -65,24 +57,12 @@ def _moments(motion: HumanMotion, number: int) -> npt.NDArray[np.int64]:
 
 
 def _figure(positions: Array, middle: float) -> str:
-    """One stick figure of positions (22, 3), what is nearer over what is farther."""
-    right = np.array([np.cos(_AZIMUTH), np.sin(_AZIMUTH), 0.0])
-    into = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
+    """One stick figure of positions (22, 3), its pelvis over the middle of its place."""
     local = positions - positions[0] * [1.0, 1.0, 0.0]
-    x = middle + _SCALE * (local @ right)
-    y = _GROUND - _SCALE * local[:, 2]
-    depth = local @ into
-    drawn = []
-    for color, names in _CHAINS:
-        joints = [INDEX[name] for name in names]
-        line = "L".join(f"{x[j]:.1f} {y[j]:.1f}" for j in joints)
-        drawn.append((float(depth[joints].mean()), f'<path class="{color}" d="M{line}"/>'))
-    head = positions[INDEX["head"]] - positions[INDEX["neck"]]
-    crown = local[INDEX["head"]] + _HEAD * head / max(float(np.linalg.norm(head)), 1e-9)
-    cx, cy = middle + _SCALE * float(crown @ right), _GROUND - _SCALE * float(crown[2])
-    circle = f'<circle class="t" cx="{cx:.1f}" cy="{cy:.1f}" r="{_SCALE * _HEAD:.1f}"/>'
-    drawn.append((float(crown @ into), circle))
-    return "".join(shape for _, shape in sorted(drawn, key=lambda part: -part[0]))
+    shapes = [Shape(kind, local[[INDEX[name] for name in names]]) for kind, names in _CHAINS]
+    up = local[INDEX["head"]] - local[INDEX["neck"]]
+    crown = local[INDEX["head"]] + _HEAD * up / max(float(np.linalg.norm(up)), 1e-9)
+    return figure(shapes, crown, _HEAD, (middle, _GROUND), _SCALE)
 
 
 def _way(motion: HumanMotion, frames: npt.NDArray[np.int64], left: float) -> str:
@@ -102,7 +82,7 @@ def _way(motion: HumanMotion, frames: npt.NDArray[np.int64], left: float) -> str
     step = max(1, round(motion.fps / 20.0))
     parts = [f'<rect class="map" x="{left:g}" y="{_TOP:g}" width="{_MAP:g}" height="{_MAP:g}"/>']
     bearing = foot_contacts(motion)[:, :, 1]
-    for side, color in enumerate((_LEFT, _RIGHT)):
+    for side, color in enumerate("lr"):
         stood = on_map(feet[::step, side][bearing[::step, side]])
         parts.append(f'<path class="{color} foot" d="{"".join(f"M{p}h0" for p in stood)}"/>')
     parts.append(f'<path class="way" d="M{"L".join(on_map(pelvis[::step]))}"/>')

@@ -3,33 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from robomirror_drake.messages import Array
 from robomirror_drake.optimization.kinematics import body_poses, make_points, positions
 from robomirror_drake.optimization.retarget import robot_tables
 from robomirror_drake.robot import FEET, Robot, rotation_matrix
+from robomirror_drake.stick_figures import Shape, chains, figure
 
 MOMENTS = 10
 """Figures in a strip."""
 
-_AZIMUTH = np.deg2rad(25.0)  # the camera looks from the robot's right, this much from ahead
 _SCALE = 72.0  # [px/m]
 _SLOT, _GROUND, _HEIGHT = 118.0, 128.0, 148.0  # width of a figure's place, and heights [px]
 _HEAD = 0.11  # radius [m]
 
-_CHAINS = (
-    ("t", ("pelvis", "neck")),
-    ("t", ("left_shoulder", "neck", "right_shoulder")),
-    ("t", ("left_hip", "pelvis", "right_hip")),
-    *(
-        (side[0], tuple(f"{side}_{joint}" for joint in joints))
-        for side in FEET
-        for joints in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
-    ),
-)
-"""Class, which the page gives a colour, and points of each line."""
+_CHAINS = chains(("pelvis", "neck"), ("hip", "knee", "ankle"))
 
 
 def strip(
@@ -59,14 +48,14 @@ def strip(
     parts = [f'<path class="floor" d="M0 {_GROUND:g}H{moments * _SLOT:g}"/>']
     told, done = _points(robot, meant[rows]), _points(robot, q[rows])
     for place, row in enumerate(rows):
-        middle = np.array([(place + 0.5) * _SLOT, _GROUND])
+        middle = (place + 0.5) * _SLOT
         origin = meant[row, 4:7] * [1.0, 1.0, 0.0]
         kind = "fallen" if fall is not None and time[row] >= fall else "done"
         for name, points in (("meant", told), (kind, done)):
-            figure = {key: value[place] - origin for key, value in points.items()}
-            parts.append(f'<g class="{name}">{_figure(figure, middle, yaw)}</g>')
+            here = {key: value[place] - origin for key, value in points.items()}
+            parts.append(f'<g class="{name}">{_figure(here, middle, yaw)}</g>')
         label = f"{time[row]:.1f} s"
-        parts.append(f'<text x="{middle[0]:g}" y="{_HEIGHT - 4:g}">{label}</text>')
+        parts.append(f'<text x="{middle:g}" y="{_HEIGHT - 4:g}">{label}</text>')
     box = f"0 0 {moments * _SLOT:g} {_HEIGHT:g}"
     return Markup(f'<svg class="strip" viewBox="{box}" role="img">' + "".join(parts) + "</svg>")
 
@@ -92,28 +81,12 @@ def _points(robot: Robot, q: Array) -> dict[str, Array]:
     return placed | {f"{side}_sole": soles[:, foot] for foot, side in enumerate(FEET)}
 
 
-def _figure(points: dict[str, Array], middle: npt.NDArray[np.float64], yaw: float) -> str:
-    """One figure; what is nearer to the camera is drawn over what is farther."""
-    across = np.array([np.cos(yaw + _AZIMUTH), np.sin(yaw + _AZIMUTH), 0.0])
-    into = np.array([-np.sin(yaw + _AZIMUTH), np.cos(yaw + _AZIMUTH), 0.0])
-
-    def shown(place: Array) -> str:
-        return f"{middle[0] + _SCALE * (place @ across):.1f} {middle[1] - _SCALE * place[2]:.1f}"
-
-    drawn: list[tuple[float, str]] = []
-    for name, chain in _CHAINS:
-        line = "L".join(shown(points[joint]) for joint in chain)
-        depth = float(np.mean([points[joint] @ into for joint in chain]))
-        drawn.append((depth, f'<path class="{name}" d="M{line}"/>'))
-    for side in FEET:
-        sole = points[f"{side}_sole"]
-        line = "L".join(shown(corner) for corner in sole)
-        depth = float(np.mean(sole @ into))
-        ankle = f"M{shown(points[f'{side}_ankle'])}L{shown(sole.mean(axis=0))}"
-        drawn.append((depth, f'<path class="{side[0]} sole" d="M{line}Z{ankle}"/>'))
+def _figure(points: dict[str, Array], middle: float, yaw: float) -> str:
+    """One figure, from what :func:`_points` gives of it."""
+    shapes = [Shape(kind, np.stack([points[name] for name in names])) for kind, names in _CHAINS]
+    shapes += [
+        Shape(f"{side[0]} sole", points[f"{side}_sole"], points[f"{side}_ankle"]) for side in FEET
+    ]
     trunk = points["neck"] - points["pelvis"]
     head = points["neck"] + 1.3 * _HEAD * trunk / np.linalg.norm(trunk)
-    x, y = shown(head).split()
-    circle = f'<circle class="t" cx="{x}" cy="{y}" r="{_SCALE * _HEAD:.1f}"/>'
-    drawn.append((float(head @ into), circle))
-    return "".join(shape for _, shape in sorted(drawn, key=lambda part: -part[0]))
+    return figure(shapes, head, _HEAD, (middle, _GROUND), _SCALE, yaw)

@@ -32,7 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("simulation", "fall_signs"),
     ("config", "fall_cause"),
     ("pipeline",),
-    ("tables",),
+    ("tables", "stick_figures"),
     ("rollout", "adaptation_record", "motion_measures"),
     ("results", "closed_loop", "comparison", "differences"),
     ("run", "figures", "scene", "robot_strips"),
