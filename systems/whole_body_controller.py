@@ -227,6 +227,9 @@ class WholeBodyController(LeafSystem):
     def _problem(self, context: Context, state: Array, last: _State) -> Tick:
         options, nq, port = self._options, self._robot.model.nq, self._force_port
         force = port.Eval(context).reshape(2, 3) if port.HasValue(context) else None
+        # Drake's discrete plant lets the norm drift, by a hundredth within seconds, and Pinocchio
+        # takes what it is given.
+        state = np.concatenate([state[:4] / np.linalg.norm(state[:4]), state[4:]])
         q, v = predicted(
             self._model,
             self._robot.to_pinocchio(state[:nq]),
