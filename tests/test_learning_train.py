@@ -140,6 +140,7 @@ def test_what_cannot_be_learned_from_is_refused(tmp_path, write_executions):
     ("name", "horizon", "lacks"),
     [
         ("ppn_1s", 1.0, set()),
+        ("ppn_1s_commanded", 1.0, set()),
         ("ppn_3s", 3.0, set()),
         ("ppn_1s_without_reference", 1.0, {"use_reference"}),
         ("ppn_1s_without_state", 1.0, {"use_state"}),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -187,3 +189,27 @@ def test_a_predictor_at_work_sees_what_was_learned_from(folder, windows):
         assert told.fall_probability[0] == pytest.approx(expected, abs=1e-5)
         assert told.A_p[0] == pytest.approx(float(scores.errors[number, 3].exp()), rel=1e-4)
     assert float(scores.fall.std()) > 0.01
+
+
+def test_commanded_states_are_what_the_judge_of_whole_motions_sees(folder, windows):
+    """They are the reference's, not the robot's; learned from as they are judged from later."""
+    options = OPTIONS.model_copy(update={"states": "commanded"})
+    which = np.flatnonzero(windows.episode == 3)
+    past, future = windows.inputs(which, options)
+    for name in ("states", "references"):
+        changed = replace(windows, **{name: getattr(windows, name) + 0.1})
+        assert torch.equal(changed.inputs(which, options)[0], past) == (name == "states")
+
+    torch.manual_seed(0)
+    network = PPN(options, windows.states.shape[1], windows.references.shape[1])
+    network.fit_scales(past.flatten(0, 1), future.flatten(0, 1), windows.errors)
+    scores = predict(network, windows, which).fall.double()
+    episode = list(read_episodes_of(folder))[3]
+    q, contact = (
+        x[None, :: round(60 / OPTIONS.rate)] for x in (episode.raw_q, episode.raw_contact)
+    )
+    last = float(start_times(windows)[which][-1])
+    told = Predictor(network, ROBOT).foresee(q, contact, ahead=last + 0.01, every=0.1)
+    expected = torch.sigmoid(torch.logsumexp(4.0 * scores, 0) / 4.0)
+    assert told.fall_probability[0] == pytest.approx(float(expected), abs=1e-5)
+    assert float(scores.std()) > 0.01

@@ -83,8 +83,9 @@ def evaluate(
     parts: dict[str, Any] = {}
     for horizon, rate in sorted({(m.options.horizon, m.options.rate) for m in models}):
         own = [m for m in models if (m.options.horizon, m.options.rate) == (horizon, rate)]
+        farthest = max((m.options for m in own), key=lambda network: network.back)
         data = load_windows(
-            options.data, robot, own[0].options, options.spacing, options.baselines,
+            options.data, robot, farthest, options.spacing, options.baselines,
             lambda count: report(f"{horizon:g} s: episodes", count, None),  # noqa: B023
         )  # fmt: skip
         made = _judge(own, data, robot, options, report)

@@ -91,5 +91,6 @@ def _described(predictor: Predictor) -> str:
         )
         if not there
     ]
-    words = "PPN" + (f" without {' and '.join(lacks)}" if lacks else "")
+    of = " of commanded states" if options.states == "commanded" else ""
+    words = f"PPN{of}" + (f" without {' and '.join(lacks)}" if lacks else "")
     return words if share == 1.0 else f"{words}, {100 * share:g} % of the commands"

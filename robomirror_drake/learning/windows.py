@@ -23,10 +23,13 @@ from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.features import (
     PAD,
     RECORDED,
+    REFERENCE_VECTORS,
+    STATE_VECTORS,
     reference_frames,
     rows_at,
     seen,
     state_frames,
+    unflat,
 )
 from robomirror_drake.ppn.mirror import Mirror
 from robomirror_drake.ppn.options import PPNOptions
@@ -60,7 +63,7 @@ class Windows:
 
     Attributes:
         states: (N, F) features of states, :meth:`.features.Frames.flat`.
-        references: (M, F) of kinematic references, as long as any window looks ahead.
+        references: (M, F) of kinematic references, as long as any window looks back and ahead.
         now: (W,) row of ``states`` that a window begins at.
         first: (W,) row of its episode's first state.
         ahead: (W,) row of ``references`` that it begins at.
@@ -90,9 +93,14 @@ class Windows:
     def inputs(self, which: Integers, options: PPNOptions) -> tuple[Tensor, Tensor]:
         """What the network sees of windows: (n, S, F_s) of states, (n, T, F_r) of the reference."""
         back = np.arange(1 - options.back, 1)
-        past = np.maximum(self.now[which, None] + back, self.first[which, None])
+        if options.states == "commanded":
+            commanded = unflat(self.references[self.ahead[which, None] + back], REFERENCE_VECTORS)
+            more = self.references.shape[1] - self.states.shape[1]
+            past = commanded.as_state(more - 3 * (REFERENCE_VECTORS - STATE_VECTORS)).flat()
+        else:
+            past = self.states[np.maximum(self.now[which, None] + back, self.first[which, None])]
         future = self.ahead[which, None] + np.arange(options.ahead)
-        return seen(self.states[past], self.references[future], options.use_state)
+        return seen(past, self.references[future], options.use_state)
 
     def of(self, keep: Callable[[dict[str, Any]], bool]) -> Integers:
         """Windows of the episodes that a rule keeps."""
@@ -247,8 +255,8 @@ def _windows(
     keep = labels.foreseeable & (labels.start % (step * every) == 0)
     labels = Labels(*(part[keep] for part in labels))
     q, v = (torch.from_numpy(np.ascontiguousarray(x[::step], np.float64)) for x in track[1:3])
-    count = len(q) + options.ahead
-    time = np.arange(-PAD, count + PAD) / options.rate - about["lead_s"]
+    before, count = options.back - 1, len(q) + options.ahead
+    time = np.arange(-PAD - before, count + PAD) / options.rate - about["lead_s"]
     rows = rows_at(time, len(episode.raw_q))
     asked_q, contact = (
         torch.from_numpy(part[at])
@@ -259,7 +267,7 @@ def _windows(
         "states": state_frames(body, q, v).flat().float(),
         "references": asked.flat().float(),
         "now": labels.start // step,
-        "ahead": labels.start // step,
+        "ahead": labels.start // step + before,
         "fall": torch.from_numpy(labels.fall),
         "time_to_fall": torch.from_numpy(labels.time_to_fall).float(),
         "errors": torch.from_numpy(np.log(np.maximum(labels.errors, _LEAST_ERROR))).float(),

@@ -24,6 +24,11 @@ class PPNOptions(BaseModel):
     dropout: float = Field(0.1, ge=0.0, lt=1.0, description="while it is trained")
     use_reference: bool = Field(True, description="false: an ablation that sees no reference")
     use_state: bool = Field(True, description="false: an ablation that sees no state")
+    states: Literal["measured", "commanded"] = Field(
+        "measured",
+        description="commanded: a robot that does just what it was told is taken for the state, as"
+        " in motions that have yet to begin",
+    )
     use_cross_attention: bool = Field(
         True, description="false: an ablation that puts state and reference side by side"
     )
