@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,16 @@ def print_evaluation(figures: dict[str, Any], console: Console) -> None:
         rows,
         lambda row: [f"{row['errors'][name]['r2']:.3f}" for name in UNITS],
     )
+    for split, name in (("test", "unseen commands"), ("held_out", "held-out families")):
+        told = [row for row in rows if row.get("motions") and row["motions"][split]]
+        if told:
+            _print(
+                console,
+                f"whole motions before they begin, {name}",
+                tuple(MOTION_FIGURES),
+                told,
+                lambda row: [write(row["motions"][split]) for write in MOTION_FIGURES.values()],  # noqa: B023
+            )
     for row in rows:
         if "trained_on" in row:
             console.print(
@@ -67,6 +77,19 @@ def print_evaluation(figures: dict[str, Any], console: Console) -> None:
                 "whether it knows these commands cannot be told",
                 style="yellow", highlight=False,
             )  # fmt: skip
+
+
+MOTION_FIGURES: Mapping[str, Callable[[dict[str, Any]], str]] = {
+    "motions": lambda told: f"{told['motions']}",
+    "with a fall": lambda told: f"{told['falls']}",
+    "AUROC": lambda told: "{:.3f} ({:.3f}–{:.3f})".format(told["auroc"], *told["auroc_interval"]),
+    "falls told [%]": lambda told: percent(told["true_positive_rate"], 1),
+    "false alarms [%]": lambda told: percent(told["false_positive_rate"], 1),
+    "commands that can be chosen for": lambda told: f"{told['commands_mixed']}",
+    "chosen stands [%]": lambda told: percent(told["chosen_upright"], 1),
+    "drawn stands [%]": lambda told: percent(told["drawn_upright"], 1),
+}
+"""What is said of motions that have yet to begin, and how."""
 
 
 def _print(
@@ -156,5 +179,6 @@ def _render(template: str, figures: dict[str, Any], **values: Any) -> str:
         accuracy=accuracy,
         percent=percent,
         squared=squared,
+        motion_figures=MOTION_FIGURES,
         **values,
     )

@@ -10,23 +10,25 @@ from torch import Tensor
 
 from robomirror_drake.learning.metrics import balanced
 from robomirror_drake.messages import Array, BoolArray
-from robomirror_drake.ppn.model import PPN
 
 _SLOPES = (0.05, 5.0)
 
 
-def calibrate(network: PPN, logit: Tensor, fall: Tensor) -> None:
-    """Makes a network's logits those of true probabilities, by slope and offset (Platt 1999).
+def calibrate(calibration: Tensor, logit: Array, fall: BoolArray) -> None:
+    """Makes logits those of true probabilities, by slope and offset (Platt 1999).
 
     Args:
-        network: Its ``calibration`` is composed with what is found.
-        logit: (n,) that it gave for windows as they come, none of them learned from.
+        calibration: (2,) slope and offset that were in use; what is found is composed with them.
+            Nothing is changed where either kind is missing.
+        logit: (n,) of windows or motions as they come, none of them learned from.
         fall: (n,) whether the robot fell in them.
     """
-    slope, offset = platt(logit.double().numpy(), fall.numpy())
-    before = network.calibration.double().tolist()
+    if not 0 < fall.sum() < len(fall):
+        return
+    slope, offset = platt(logit, fall)
+    before = calibration.double().tolist()
     with torch.no_grad():
-        network.calibration.copy_(torch.tensor([slope * before[0], slope * before[1] + offset]))
+        calibration.copy_(torch.tensor([slope * before[0], slope * before[1] + offset]))
 
 
 def platt(logit: Array, fall: BoolArray) -> tuple[float, float]:

@@ -24,6 +24,7 @@ from robomirror_drake.learning.judge import (
     family_figures,
 )
 from robomirror_drake.learning.metrics import Draws, interval
+from robomirror_drake.learning.motions import Motion, foreseen, motion_figures, read_motions
 from robomirror_drake.learning.train import predict
 from robomirror_drake.learning.weights import Weights, load_all
 from robomirror_drake.learning.windows import Integers, Windows, load_windows
@@ -79,6 +80,7 @@ def evaluate(
     torch.set_num_threads(options.threads)
     robot = load_robot(options.robot)
     models = load_all(paths, robot)
+    motions = read_motions(options.data, ("test", "held_out"))
     judged: list[Judgement] = []
     parts: dict[str, Any] = {}
     for horizon, rate in sorted({(m.options.horizon, m.options.rate) for m in models}):
@@ -89,6 +91,9 @@ def evaluate(
             lambda count: report(f"{horizon:g} s: episodes", count, None),  # noqa: B023
         )  # fmt: skip
         made = _judge(own, data, robot, options, report)
+        for number, (model, judgement) in enumerate(zip(own, made, strict=False), start=1):
+            judgement.row["motions"] = _of_motions(model.predictor, motions, options)
+            report(f"{horizon:g} s: whole motions", number, len(own))
         judged += made
         parts[f"{horizon:g}"] = {"fingerprint": data.fingerprint, **_parts(data)}
     figures = {
@@ -154,6 +159,21 @@ def _about(model: Weights, data: Windows) -> dict[str, Any]:
         "trained_on": model.predictor.header["data"],
         "same_data": model.predictor.header["data"]["fingerprint"] == data.fingerprint,
     }
+
+
+def _of_motions(
+    predictor: Predictor, motions: dict[str, list[Motion]], options: EvaluateOptions
+) -> dict[str, Any]:
+    """Figures of whole motions that have yet to begin, by split; None where there are none."""
+    told = predictor.header["motions"]
+    falls = told["falls_validation"] / max(told["validation"], 1)
+    threshold = balanced_threshold(falls) if 0.0 < falls < 1.0 else 0.0
+    return {
+        split: motion_figures(
+            own, foreseen(predictor, own), threshold, options.draws, options.seed
+        ) if own else None
+        for split, own in motions.items()
+    }  # fmt: skip
 
 
 def _row(truths: list[Truth], told: list[Told], draws: list[Draws]) -> dict[str, Any]:

@@ -61,6 +61,16 @@ class Draws:
             passed = self._sum(~said & ~fall) / self._sum(~fall)
         return np.asarray(0.5 * (hit + passed))
 
+    def auroc(self, logit: Array, fall: BoolArray) -> Array:
+        """(draws,) :func:`auroc`; NaN where a draw lacks one kind."""
+        count = self._weight.shape[1]
+        falls, others = (np.eye(count)[self._cluster[kind]] for kind in (fall, ~fall))
+        above = np.sign(logit[fall][:, None] - logit[~fall][None, :])
+        pairs = falls.T @ (0.5 * (above + 1.0)) @ others  # by the cluster of either
+        won = np.einsum("di,ij,dj->d", self._weight, pairs, self._weight, optimize=True)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(won / (self._sum(fall) * self._sum(~fall)))
+
     def _sum(self, which: BoolArray) -> Array:
         count = np.bincount(self._cluster, which, self._weight.shape[1])
         return np.asarray(self._weight @ count, dtype=np.float64)

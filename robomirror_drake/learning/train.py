@@ -26,9 +26,11 @@ from robomirror_drake import checkpoint
 from robomirror_drake.dataset.folder import description
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.learning.calibrate import balanced_accuracy, calibrate
+from robomirror_drake.learning.motions import foreseen, read_motions
 from robomirror_drake.learning.windows import Integers, Windows, load_windows
 from robomirror_drake.ppn.model import PPN, Scores
 from robomirror_drake.ppn.options import TrainOptions
+from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.robot import load_robot
 
 WEIGHTS, CHECKPOINT, LOG = "ppn.safetensors", "checkpoint.safetensors", "log.jsonl"
@@ -162,12 +164,18 @@ def train(
 
     # --- what is kept of it
     average.load_state_dict(best_state)
-    calibrate(average, predict(average, data, judged).fall, data.fall[judged])
+    logit = predict(average, data, judged).fall.double().numpy()
+    calibrate(average.calibration, logit, data.fall[judged].numpy())
+    motions = read_motions(options.data, ("validation",))["validation"]
+    fell = np.array([motion.fell for motion in motions], np.bool_)
+    whole = foreseen(Predictor(average.cpu(), robot), motions)
+    calibrate(average.motion_calibration, whole, fell)
     path = options.out / WEIGHTS
     if rank == 0:
         half = {name: t.half() for name, t in checkpoint.named("network", average).items()}
         kept = half | {f"network.{name}": t for name, t in average.named_buffers()}
         told = header | {"best": best, "scenario": physics_of(options.data)}
+        told["motions"] = {"validation": len(motions), "falls_validation": int(fell.sum())}
         checkpoint.save(path, kept, told, checkpoint.PREDICTOR)
     return path
 

@@ -34,12 +34,14 @@ class PPN(nn.Module):
     reference_scale: Tensor
     error_scale: Tensor
     calibration: Tensor
+    motion_calibration: Tensor
 
     def __init__(self, options: PPNOptions, state: int, reference: int) -> None:
         """A network for frames with so many features.
 
         Features and errors are normalised inside, by :meth:`fit_scales`; ``calibration`` holds
-        slope and offset of the logit.
+        slope and offset of the logit, ``motion_calibration`` those of the logit of a whole
+        motion, which is worked out from its windows'.
         """
         super().__init__()
         self.options = options
@@ -49,6 +51,7 @@ class PPN(nn.Module):
         self.register_buffer("reference_scale", ones)
         self.register_buffer("error_scale", torch.stack([torch.zeros(5), torch.ones(5)]))
         self.register_buffer("calibration", torch.tensor([1.0, 0.0]))
+        self.register_buffer("motion_calibration", torch.tensor([1.0, 0.0]))
         self.cls = nn.Parameter(torch.randn(1, 1, width) * 0.02)
         if options.use_state:
             self.encode_state = _mlp(state, width, width)

@@ -39,7 +39,8 @@ class Judged(NamedTuple):
     """Predictions for n whole motions, and how they change with them.
 
     Attributes:
-        logit: (n,) smooth maximum over windows of the logit of a fall.
+        logit: (n,) of the probability of a fall: the smooth maximum over windows, calibrated
+            on whole motions where these begin from rest.
         errors: (n, 5) A_q, A_qd, A_qdd, A_p, A_theta as means over windows, in their units.
         gradient: (n, N, 30) derivative of ``logit`` by the samples of the motions.
     """
@@ -133,7 +134,7 @@ class Predictor:
         samples = self._tensor(q).requires_grad_()
         with torch.enable_grad():
             scores = self._windows(samples, self._tensor(contact), history, every)
-            logit, errors = _over_windows(scores, len(q))
+            logit, errors = self._over_windows(scores, len(q), history)
             (gradient,) = torch.autograd.grad(logit.sum(), samples)
         return Judged(*(x.detach().double().numpy() for x in (logit, errors, gradient)))
 
@@ -159,7 +160,7 @@ class Predictor:
             self._check(history)
         with torch.no_grad():
             scores = self._windows(self._tensor(q), self._tensor(contact), history, every, ahead)
-            logit, errors = _over_windows(scores, len(q))
+            logit, errors = self._over_windows(scores, len(q), history)
         fall = torch.sigmoid(logit.double())
         horizon = min(ahead, (q.shape[1] - 1) / self.options.rate) + self.options.horizon
         return QualityPrediction(horizon, fall.numpy(), *errors.numpy().T)
@@ -200,6 +201,21 @@ class Predictor:
         references = future[:, back + first[:, None] + torch.arange(future_samples)]
         return self._scores(states.flatten(0, 1), references.flatten(0, 1))
 
+    def _over_windows(
+        self, scores: Scores, number: int, history: History | None
+    ) -> tuple[Tensor, Tensor]:
+        """Of ``number`` motions: (n,) smooth maximum of the logit, (n, 5) mean errors.
+
+        What is known of whole motions is known of those that begin from rest.
+        """
+        fall = scores.fall.reshape(number, -1)
+        errors = scores.errors.double().exp().reshape(number, -1, scores.errors.shape[-1]).mean(1)
+        logit = torch.logsumexp(_SHARPNESS * fall, 1) / _SHARPNESS
+        if history is None:
+            slope, offset = self.network.motion_calibration
+            logit = slope * logit + offset
+        return logit, errors
+
     @property
     def _asked(self) -> int:
         """Scalars of a reference that a state does not have: contacts, torques."""
@@ -238,13 +254,6 @@ def sampled(references: Sequence[RobotReference], time: Array) -> tuple[Array, B
         np.stack([one.q[at] for one, at in zip(references, rows, strict=True)]),
         np.stack([one.contact[at] for one, at in zip(references, rows, strict=True)]),
     )
-
-
-def _over_windows(scores: Scores, number: int) -> tuple[Tensor, Tensor]:
-    """Of ``number`` motions: (n,) smooth maximum of the logit, (n, 5) mean errors."""
-    fall = scores.fall.reshape(number, -1)
-    errors = scores.errors.double().exp().reshape(number, -1, scores.errors.shape[-1]).mean(1)
-    return torch.logsumexp(_SHARPNESS * fall, 1) / _SHARPNESS, errors
 
 
 def quality(horizon: float, scores: Scores) -> QualityPrediction:
