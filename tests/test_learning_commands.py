@@ -113,10 +113,11 @@ def test_the_same_call_gives_the_same_figures(data, weights):
     options = EvaluateOptions(data=data, draws=50, baselines=False)
     first, _ = evaluate([weights / "full"], options)
     assert plain(first) == plain(evaluate([weights / "full"], options)[0])
-    plain = json.dumps(first["rows"][0])
-    assert "behind_ppn" not in plain
+    row = json.dumps(first["rows"][0])
+    assert "behind_ppn" not in row
     more = EvaluateOptions(data=data, draws=50, baselines=True)
-    assert evaluate([weights / "full"], more)[0]["rows"][0] == first["rows"][0]
+    with_baselines = evaluate([weights / "full"], more)[0]["rows"][0]
+    assert plain(with_baselines) == plain(first["rows"][0])
 
 
 def test_weights_of_other_data_are_told_apart(
