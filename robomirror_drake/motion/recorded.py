@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from robomirror_drake.messages import Array
+from robomirror_drake.messages import Array, HumanMotion
 from robomirror_drake.motion.body import SHANK, THIGH
 from robomirror_drake.motion.bones import (
     LEGS,
@@ -40,7 +40,7 @@ def play(name: str, cue: Cue, fps: float) -> Array:
     Starts facing +x with the pelvis at x = y = 0. Tempo and mirroring follow the cue; the size of
     a recording is what it is.
     """
-    motion = face_forward(load_clip(name))
+    motion = _clip(name)
     positions = _eased(motion.positions, motion.fps * cue.tempo, fps)
     if cue.style.mirrored:
         positions = mirrored(positions)
@@ -53,6 +53,12 @@ def play(name: str, cue: Cue, fps: float) -> Array:
     below = np.maximum(-clearance(whole).min(axis=(1, 2)), 0.0)
     whole[..., 2] += upper_envelope(below, rest)[:, None]
     return face_forward(replace(motion, positions=whole, fps=fps)).positions
+
+
+@cache
+def _clip(name: str) -> HumanMotion:
+    """A clip that faces +x; candidates of one command share it."""
+    return face_forward(load_clip(name))
 
 
 @cache
