@@ -229,6 +229,9 @@ def survey(
     seeds: Annotated[
         int, typer.Option(help="Executions of each, with disturbance seeds 0, 1, …")
     ] = 1,
+    candidates: Annotated[
+        int, typer.Option(help="Of each action: its nominal motion, and others of a drawn style.")
+    ] = 1,
     slowest: Annotated[
         float | None,
         typer.Option(help="Do all again, slowed down to this tempo at most where need be."),
@@ -249,7 +252,7 @@ def survey(
     check_file(html)
     wanted = tuple(name.strip() for name in actions.split(",") if name.strip())
     name = Path(scenario).stem
-    tasks = survey_tasks(_scenario(scenario), wanted, seeds, name, slowest)
+    tasks = survey_tasks(_scenario(scenario), wanted, seeds, name, slowest, candidates)
     rows = []
     interrupted = False
     with progress_bars() as progress:
@@ -260,8 +263,8 @@ def survey(
                 progress.advance(bar)
         except KeyboardInterrupt:
             interrupted = True
-    order = {(task.action, task.slowest): number for number, task in enumerate(tasks)}
-    rows.sort(key=lambda row: (order[row.action, row.slowest], row.seed))
+    order = {(t.action, t.slowest, t.candidate): number for number, t in enumerate(tasks)}
+    rows.sort(key=lambda row: (order[row.action, row.slowest, row.candidate], row.seed))
     print_survey(rows, out)
     write_json(json_file, {"rows": [asdict(row) for row in rows]})
     if html is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -16,13 +16,14 @@ from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.fall_cause import judge
-from robomirror_drake.messages import RobotReference
+from robomirror_drake.messages import HumanMotion, RobotReference
+from robomirror_drake.motion.generate import check_request, generate
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS
 from robomirror_drake.optimization.plan import PlanOptions
 from robomirror_drake.optimization.plan_tempo import slowed
 from robomirror_drake.outcome import errors_to_raw
-from robomirror_drake.pipeline import build_plan_diagram, give_candidates, give_command
+from robomirror_drake.pipeline import build_plan_diagram, give_candidates
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout
 from robomirror_drake.run import read_source
@@ -48,6 +49,8 @@ class Row:
         command: What was asked for.
         seed: Of the disturbances.
         scenario: Name of the scenario.
+        candidate: 0 for the nominal motion, else one whose style is drawn.
+        style: Of the motion; None where it has none.
         slowest: Slowest tempo that the plan was allowed; None where the scenario decides.
             ``time_scale`` is nearer to 1 where the motion flies, which keeps its tempo.
         fell, fall_time_s, fall_cause, cause, cause_evidence, A_q, A_p, torque_saturation,
@@ -65,6 +68,8 @@ class Row:
     command: str
     seed: int
     scenario: str
+    candidate: int = 0
+    style: Mapping[str, float] | None = None
     slowest: float | None = None
     fell: bool | None = None
     fall_time_s: float | None = None
@@ -92,7 +97,7 @@ class Task:
         scenario: All settings, the command among them.
         name: Of the scenario.
         seeds: Of the executions.
-        slowest: As in :class:`Row`.
+        slowest, candidate: As in :class:`Row`.
     """
 
     action: str
@@ -101,6 +106,7 @@ class Task:
     name: str
     seeds: tuple[int, ...]
     slowest: float | None = None
+    candidate: int = 0
 
     def row(self, seed: int, **found: object) -> Row:
         """A row of this task."""
@@ -108,6 +114,7 @@ class Task:
             action=self.action,
             group=self.group,
             command=self.scenario.command,
+            candidate=self.candidate,
             seed=seed,
             scenario=self.name,
             slowest=self.slowest,
@@ -125,22 +132,25 @@ def survey_tasks(
     seeds: int = 1,
     name: str = "default",
     slowest: float | None = None,
+    candidates: int = 1,
 ) -> list[Task]:
     """What a survey has to do.
 
     Args:
-        scenario: The settings; one candidate is made for each action, the nominal one.
+        scenario: The settings.
         names: Actions, or ``clip:NAME``; empty for all actions and all clips on the feet.
         seeds: How many executions there are of each, with seeds from 0 on.
         name: Of the scenario.
         slowest: Does everything a second time, with plans that may be slowed down so far.
+        candidates: Of each action: the nominal one, and others with styles that are drawn.
 
     Raises:
-        InputError: A name is not known, or there are no seeds.
+        InputError: A name is not known, or there are no seeds or candidates.
         ConfigError: The tempo is out of bounds.
     """
     if seeds < 1:
         raise InputError(f"{seeds} seeds asked for; give 1 or more")
+    check_request(candidates, scenario.seed)
     known = {action: (a.group, a.paraphrases[0]) for action, a in library().items()}
     clips = [f"clip:{clip}" for clip in FEET_ONLY_CLIPS]
     commands: dict[str, tuple[str, str]] = {**known, **{clip: ("mocap", clip) for clip in clips}}
@@ -156,6 +166,7 @@ def survey_tasks(
             scenario=scenario.model_copy(
                 update={
                     "command": command,
+                    "seed": scenario.seed + number,  # else all actions had the same styles
                     "candidates": 1,
                     "planner": planner,
                     "adaptation": AdaptationOptions(),  # how does the action itself end?
@@ -164,9 +175,11 @@ def survey_tasks(
             name=name,
             seeds=tuple(range(seeds)),
             slowest=tempo,
+            candidate=candidate,
         )
-        for action, (group, command) in commands.items()
+        for number, (action, (group, command)) in enumerate(commands.items())
         if not names or action in names
+        for candidate in range(1 if group == "mocap" else candidates)
         for tempo, planner in plans.items()
     ]
 
@@ -244,23 +257,27 @@ def _executed(task: Task, scenario: Scenario) -> list[Row]:
     with threadpool_limits(1):
         try:
             robot = load_robot(scenario.robot)
-            raw, plan = _plans(robot, scenario)
+            motion = _motion(scenario, task.candidate)
+            raw, plan = _plans(robot, scenario, motion)
         except Exception as error:  # whatever it is, the other rows shall be done
             return task.failed(f"{type(error).__name__}: {error}")
-        return [_row(robot, task, raw, plan, seed) for seed in task.seeds]
+        return [_row(robot, task, motion.style, raw, plan, seed) for seed in task.seeds]
 
 
-def _plans(robot: Robot, scenario: Scenario) -> tuple[RobotReference, RobotReference]:
-    """The chosen reference, and its plan."""
+def _motion(scenario: Scenario, candidate: int) -> HumanMotion:
     source = read_source(scenario.command)
-    if isinstance(source, str):
-        diagram = build_plan_diagram(robot, scenario, "command")
-        context = diagram.CreateDefaultContext()
-        give_command(diagram, context, source)
-    else:
-        diagram = build_plan_diagram(robot, scenario, "candidates")
-        context = diagram.CreateDefaultContext()
-        give_candidates(diagram, context, (source,))
+    if not isinstance(source, str):
+        return source
+    return generate(source, candidate + 1, scenario.seed, scenario.generator)[candidate]
+
+
+def _plans(
+    robot: Robot, scenario: Scenario, motion: HumanMotion
+) -> tuple[RobotReference, RobotReference]:
+    """The reference of a motion, and its plan."""
+    diagram = build_plan_diagram(robot, scenario, "candidates")
+    context = diagram.CreateDefaultContext()
+    give_candidates(diagram, context, (motion,))
     raw: RobotReference = diagram.GetOutputPort("reference").Eval(context)
     plan: RobotReference = diagram.GetOutputPort("plan").Eval(context)
     return raw, plan
@@ -282,16 +299,24 @@ def _at_tempo(raw: RobotReference, time_scale: float) -> RobotReference:
     return slowed(raw, float(brentq(missing, 0.5 * SLOWEST, time_scale, xtol=1e-3)))
 
 
-def _row(robot: Robot, task: Task, raw: RobotReference, plan: RobotReference, seed: int) -> Row:
+def _row(
+    robot: Robot,
+    task: Task,
+    style: Mapping[str, float],
+    raw: RobotReference,
+    plan: RobotReference,
+    seed: int,
+) -> Row:
     try:
         execution = rollout(robot, plan, task.scenario.simulation, seed)
         outcome = judge(robot, execution, plan, task.scenario.simulation)
     except Exception as error:  # as above
-        return task.row(seed, error=f"{type(error).__name__}: {error}")
+        return task.row(seed, style=style or None, error=f"{type(error).__name__}: {error}")
     time_scale = min(1.0, plan.residuals.get("time_scale", 1.0))  # up to rounding
     from_raw = errors_to_raw(execution, _at_tempo(raw, time_scale), plan.lead)
     return task.row(
         seed,
+        style=style or None,
         fell=outcome.fell,
         fall_time_s=outcome.fall_time_s,
         fall_cause=outcome.fall_cause,

@@ -15,6 +15,7 @@ from rich.table import Table
 from robomirror_drake.figures import DONE, FAULT, TOLD, styled
 from robomirror_drake.page import plot, render
 from robomirror_drake.survey import Row
+from robomirror_drake.survey_styles import gentle, sampled, splits, unexplained
 
 UPRIGHT, NOT_DONE = "upright", "not executed"
 
@@ -34,7 +35,7 @@ _DECADES = [step * 10.0**decade for decade in range(-5, 2) for step in (1, 2, 5)
 
 @dataclass(frozen=True)
 class Line:
-    """All executions of one plan."""
+    """All executions of an action's nominal motion, or of the others."""
 
     label: str
     group: str
@@ -75,13 +76,18 @@ def ending(row: Row) -> str:
 
 def lines(rows: Sequence[Row]) -> list[Line]:
     """One line for each action and tempo, in the order of the rows."""
-    keys = dict.fromkeys((row.action, row.slowest) for row in rows)
+    keys = dict.fromkeys((row.action, bool(row.candidate), row.slowest) for row in rows)
     made = []
-    for action, slowest in keys:
-        own = tuple(row for row in rows if (row.action, row.slowest) == (action, slowest))
-        label = action if slowest is None else f"{action}, slowed"
-        made.append(Line(label, own[0].group, own))
+    for action, drawn, slowest in keys:
+        wanted = (action, drawn, slowest)
+        own = tuple(row for row in rows if (row.action, bool(row.candidate), row.slowest) == wanted)
+        made.append(Line(f"{action}{_kind(own[0])}", own[0].group, own))
     return made
+
+
+def _kind(row: Row) -> str:
+    """What tells an execution from that of the nominal motion, as it stands behind a name."""
+    return f"{', sampled' if row.candidate else ''}{', slowed' if row.slowest is not None else ''}"
 
 
 def print_survey(rows: Sequence[Row], console: Console) -> None:
@@ -116,6 +122,30 @@ def print_survey(rows: Sequence[Row], console: Console) -> None:
             )
     for name, upright, total in _groups(rows):
         console.print(f"{name}: {upright} of {total} upright")
+    if sampled(rows):
+        _print_styles(rows, console)
+
+
+def _print_styles(rows: Sequence[Row], console: Console) -> None:
+    """How sampled candidates ended, by what was drawn for them."""
+    table = Table(
+        "style", "upright, up to nominal", "upright, above nominal", "p by chance",
+        title="sampled candidates",
+    )  # fmt: skip
+    for split in splits(rows):
+        sides = [f"{upright} of {total}" for upright, total in (split.below, split.above)]
+        table.add_row(split.parameter.replace("_", " "), *sides, f"{split.p:.2g}")
+    console.print(table)
+    drawn = [row for row in sampled(rows) if gentle(row)]
+    console.print(
+        f"no faster, larger or longer than the nominal motion: "
+        f"{sum(row.fell is False for row in drawn)} of {len(drawn)} upright"
+    )
+    for row in unexplained(rows):
+        console.print(
+            f"falls all the same, and its nominal motion does not: {row.action}, {_run(row)}",
+            highlight=False,
+        )
 
 
 def _groups(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
@@ -132,7 +162,7 @@ def _groups(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
 
 
 def _group(row: Row) -> str:
-    return row.group if row.slowest is None else f"{row.group}, slowed"
+    return f"{row.group}{_kind(row)}"
 
 
 def _number(value: float | None) -> str:
@@ -153,6 +183,9 @@ def render_survey(rows: Sequence[Row]) -> str:
         errors=plot(_errors(rows), "errors"),
         colors=COLORS,
         ending=ending,
+        splits=splits(rows) if sampled(rows) else [],
+        gentle=[row for row in sampled(rows) if gentle(row)],
+        unexplained=[f"{row.action}, {_run(row)}" for row in unexplained(rows)],
     )
 
 
@@ -217,7 +250,8 @@ def _grid(rows: Sequence[Row]) -> go.Figure:
 
 
 def _run(row: Row) -> str:
-    return f"seed {row.seed}" if row.slowest is None else f"seed {row.seed}, slowed"
+    candidate = f", candidate {row.candidate}" if row.candidate else ""
+    return f"seed {row.seed}{candidate}{', slowed' if row.slowest is not None else ''}"
 
 
 def _errors(rows: Sequence[Row]) -> go.Figure:

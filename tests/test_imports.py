@@ -48,6 +48,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "bench_plan",
         "bench_pushes",
         "survey",
+        "survey_styles",
         "measure",
         "motion_strips",
         "evaluation_plots",

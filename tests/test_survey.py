@@ -10,15 +10,18 @@ from typing import Any
 
 import pytest
 from rich.console import Console
+from scipy.stats import fisher_exact
 
 from robomirror_drake import survey
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import ConfigError, InputError
+from robomirror_drake.motion.composer.cue import Style
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS
 from robomirror_drake.optimization.plan_tempo import slowed
 from robomirror_drake.survey import Row, _at_tempo, execute, survey_rows, survey_tasks
 from robomirror_drake.survey_report import ending, lines, print_survey, render_survey
+from robomirror_drake.survey_styles import splits, unexplained
 
 
 class Deadly:
@@ -177,3 +180,48 @@ def test_page_has_all_rows_and_needs_no_network() -> None:
 def test_nothing_done_is_shown_too() -> None:
     assert "0 executions" in render_survey([])
     print_survey([], Console(file=io.StringIO()))
+
+
+def drawn(action: str, candidate: int, tempo: float, **changes: Any) -> Row:
+    style = vars(Style()) | {"tempo": tempo}
+    return row(action, candidate=candidate, style=style, **changes)
+
+
+SAMPLED = [
+    row("jump"),
+    row("hop", **FALL),
+    *(drawn("jump", number, 1.2, **FALL) for number in range(1, 6)),
+    *(drawn("jump", number, 0.9) for number in range(6, 11)),
+    drawn("jump", 11, 0.8, **FALL),
+    drawn("hop", 1, 0.8, **FALL),
+]
+
+
+def test_falls_of_sampled_candidates_are_split_by_their_style() -> None:
+    found = {split.parameter: split for split in splits(SAMPLED)}
+    assert (found["tempo"].below, found["tempo"].above) == ((5, 7), (0, 5))
+    assert found["tempo"].p == pytest.approx(fisher_exact([[5, 2], [0, 5]]).pvalue)
+    assert (found["arms"].below, found["arms"].above, found["arms"].p) == ((5, 12), (0, 0), 1.0)
+    # Slower than the nominal motion, which stands, and fallen all the same: not for its style.
+    assert [(row.action, row.candidate) for row in unexplained(SAMPLED)] == [("jump", 11)]
+
+
+def test_sampled_candidates_are_told_apart_everywhere() -> None:
+    assert [line.label for line in lines(SAMPLED)] == [
+        "jump", "hop", "jump, sampled", "hop, sampled",
+    ]  # fmt: skip
+    text = io.StringIO()
+    print_survey(SAMPLED, Console(file=text, width=160))
+    assert "dynamic, sampled: 5 of 12 upright" in text.getvalue()
+    assert "its nominal motion does not: jump, seed 0, candidate 11" in text.getvalue()
+    assert "5 of 7 upright" in render_survey(SAMPLED)
+
+
+def test_candidates_have_styles_of_their_own_in_each_action() -> None:
+    tasks = survey_tasks(Scenario(), ["bow", "punch", "clip:walk"], candidates=2)
+    assert [(task.action, task.candidate) for task in tasks] == [
+        ("punch", 0), ("punch", 1), ("bow", 0), ("bow", 1), ("clip:walk", 0),
+    ]  # fmt: skip
+    assert tasks[1].scenario.seed != tasks[3].scenario.seed
+    with pytest.raises(InputError, match="0 candidates"):
+        survey_tasks(Scenario(), ["bow"], candidates=0)

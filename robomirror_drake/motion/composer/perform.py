@@ -117,7 +117,7 @@ def _sink(pose: Pose, fps: float) -> Array:
     across = np.sum(reach[..., :2] ** 2, axis=-1)
     allowed = np.sqrt(np.maximum(MAX_LEG**2 - across, 0.0))
     on_floor = pose.foot[..., 2] < ANKLE_HEIGHT + LOW_SWING
-    need = np.where(on_floor, np.maximum(-reach[..., 2] - allowed, 0.0), 0.0).max(axis=1)
+    need: Array = np.where(on_floor, np.maximum(-reach[..., 2] - allowed, 0.0), 0.0).max(axis=1)
     if not need.any():
         return need
     return upper_envelope(need, 2 * round(0.5 * REACH_WINDOW * fps) + 1)
