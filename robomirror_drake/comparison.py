@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -121,34 +122,41 @@ def _tasks(
     )
 
 
-def foresight(predictor: Predictor, led: RobotReference, execution: Execution) -> Foresight:
+class Judges(NamedTuple):
+    """What foresees falls, of motions that have yet to begin and of those that run."""
+
+    beforehand: Predictor
+    underway: Predictor
+
+
+def foresight(judges: Judges, led: RobotReference, execution: Execution) -> Foresight:
     """P(fall) over the time of an execution, as it looked beforehand and on the way.
 
     Args:
-        predictor: What foresees falls.
+        judges: What foresees falls.
         led: The kinematic reference in the time of the execution.
         execution: What the robot did.
     """
-    options = predictor.options
     times = np.arange(0.0, min(execution.time[-1], led.duration), EVERY)
-    step = round(RECORDED / options.rate)
-    back = step * np.arange(1 - options.back, 1)
-    beforehand: list[float] = []
-    underway: list[float] = []
-    for time in times:
-        rows = np.maximum(round(time * RECORDED) + back, 0)
-        for curve, moved in ((beforehand, led), (underway, execution)):
-            at = np.minimum(rows, len(moved.time) - 1)
+    risks: list[list[float]] = []
+    followed: tuple[RobotReference | Execution, ...] = led, execution
+    for predictor, moved in zip(judges, followed, strict=True):
+        options = predictor.options
+        back = round(RECORDED / options.rate) * np.arange(1 - options.back, 1)
+        risks.append([])
+        for time in times:
+            at = np.clip(round(time * RECORDED) + back, 0, len(moved.time) - 1)
             history = History(moved.q[at], moved.v[at])
             said = predictor.predict([led], float(time), history)
-            curve.append(float(said.fall_probability[0]))
-    return Foresight(times, np.array(beforehand), np.array(underway), options.horizon)
+            risks[-1].append(float(said.fall_probability[0]))
+    beforehand, underway = map(np.array, risks)
+    return Foresight(times, beforehand, underway, judges.underway.options.horizon)
 
 
 def execute_own(
     robot: Robot,
     scenario: Scenario,
-    predictor: Predictor,
+    judges: Judges,
     own: RobotReference,
     progress: Callable[[float, float], None],
 ) -> Original:
@@ -161,7 +169,7 @@ def execute_own(
     plan = plan_dynamics(robot, own, scenario.planner)
     done = rollout(robot, plan, scenario.simulation, scenario.seed, progress)
     outcome = judge(robot, done, plan, scenario.simulation)
-    seen = foresight(predictor, begun(own, plan).commanded, done)
+    seen = foresight(judges, begun(own, plan).commanded, done)
     return Original(plan, done, outcome, seen)
 
 

@@ -24,6 +24,9 @@ class Continuation(_Options):
 class AdapterOptions(_Options):
     """When and how a motion that runs is changed."""
 
+    predictor: str = Field(
+        "ppn_1s", description="weights in assets/ppn, or a path; of a network that sees states"
+    )
     rate: float = Field(5.0, ge=1.0, le=10.0, description="of looking ahead [Hz]")
     latency: float = Field(
         0.3,

@@ -156,7 +156,7 @@ def _run_closed(
         robot,
         chosen,
         plan,
-        load_predictor(options.predictor, robot),
+        load_predictor(options.adapter.predictor, robot),
         scenario.simulation,
         options.adapter.model_copy(update={"ranking": options.ranking}),
         scenario.seed,
@@ -178,19 +178,28 @@ def _adapted(
 ) -> AdaptedRun:
     """What the result says of an adaptation; executes the command's own motion where asked to."""
     # Here, for the same reason.
-    from robomirror_drake.comparison import execute_own, foresight, handover_records, record_of
+    from robomirror_drake.comparison import (
+        Judges,
+        execute_own,
+        foresight,
+        handover_records,
+        record_of,
+    )
     from robomirror_drake.differences import physics_warnings
     from robomirror_drake.optimization.continuation import begun
     from robomirror_drake.ppn.predictor import load_predictor
 
     robot = load_robot(scenario.robot)
     weights = scenario.adaptation.predictor
-    predictor = load_predictor(weights, robot)
+    judges = Judges(
+        load_predictor(weights, robot),
+        load_predictor(scenario.adaptation.adapter.predictor, robot),
+    )
     record = record_of(robot, scenario, made, references, motions, None if fell else done)
     handovers = handover_records(ran.handovers)
     record = replace(
         record,
-        warnings=tuple(physics_warnings(predictor.header, scenario, weights)),
+        warnings=tuple(physics_warnings(judges.beforehand.header, scenario, weights)),
         handovers=handovers,
         changed=record.changed or any(handover.done for handover in handovers),
     )
@@ -199,7 +208,7 @@ def _adapted(
         tell("compare", 0.0)
         try:
             original = execute_own(
-                robot, scenario, predictor, references[0],
+                robot, scenario, judges, references[0],
                 lambda now, end: tell("compare", now / end),
             )  # fmt: skip
             refused = ""
@@ -214,7 +223,7 @@ def _adapted(
         replace(record, not_compared=refused),
         references[0],
         made.reference,
-        foresight(predictor, led, done),
+        foresight(judges, led, done),
         original,
     )
 

@@ -22,7 +22,7 @@ from robomirror_drake.messages import Handover, RobotReference
 from robomirror_drake.optimization.continuation import Course, begun
 from robomirror_drake.ppn.predictor import History, Predictor
 from robomirror_drake.robot import Robot
-from robomirror_drake.systems.history import RecentStates
+from robomirror_drake.systems.history import RecentStates, check_measured
 from robomirror_drake.systems.ports import expect
 
 _TICK = 1e-6  # times that differ by less are the same [s]
@@ -89,8 +89,12 @@ class Adapter(LeafSystem):
             predictor: What foresees falls.
             options: See :class:`AdapterOptions`.
             watch: Told how long each look took by the clock [s]; nothing depends on that.
+
+        Raises:
+            ConfigError: The predictor's network does not look at measured states.
         """
         super().__init__()
+        check_measured(predictor.options)
         self._robot, self._predictor, self._watch = robot, predictor, watch
         self._options = options or AdapterOptions()
         size = robot.model.nq + robot.model.nv

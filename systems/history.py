@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.messages import Array
+from robomirror_drake.ppn.options import PPNOptions
 
 
 class RecentStates:
@@ -38,3 +40,12 @@ class RecentStates:
         first[(self.size + 1) // 2 :] = 0.0
         rows[~known] = first
         return rows
+
+
+def check_measured(options: PPNOptions) -> None:
+    """Raises ConfigError where a network takes what was commanded for the states of the robot."""
+    if options.states == "commanded":
+        raise ConfigError(
+            "these weights learned with what was commanded in the place of the robot's states; "
+            "while it moves, use weights that learned from measured ones"
+        )

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.ppn.predictor import History, Predictor
-from robomirror_drake.systems.history import RecentStates
+from robomirror_drake.systems.history import RecentStates, check_measured
 from robomirror_drake.systems.ports import expect_some
 
 
@@ -38,7 +38,13 @@ class PerformancePredictor(LeafSystem):
     """
 
     def __init__(self, predictor: Predictor) -> None:
+        """A system around a predictor.
+
+        Raises:
+            ConfigError: Its network does not look at measured states.
+        """
         super().__init__()
+        check_measured(predictor.options)
         self._predictor = predictor
         options = predictor.options
         size = 2 * predictor.joints + 13

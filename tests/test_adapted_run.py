@@ -23,7 +23,7 @@ from robomirror_drake.adaptation_record import (
     RankedCandidate,
     Task,
 )
-from robomirror_drake.comparison import foresight
+from robomirror_drake.comparison import Judges, foresight
 from robomirror_drake.config import Scenario, load_scenario
 from robomirror_drake.differences import differences, physics_warnings
 from robomirror_drake.exceptions import ConfigError, InputError, ResultError
@@ -388,13 +388,13 @@ def predictor() -> Predictor:
 def test_who_does_what_he_is_told_looks_as_foreseen(predictor, make_execution):
     told = walking(0.5, 0.5)
     exact = make_execution(len(told.time), time=told.time, q=told.q, v=told.v)
-    seen = foresight(predictor, told, exact)
+    seen = foresight(Judges(predictor, predictor), told, exact)
     np.testing.assert_allclose(seen.time, np.arange(0.0, 2.0, 0.1), atol=1e-9)
     np.testing.assert_array_equal(seen.beforehand, seen.underway)
     assert seen.horizon == 0.5
     q = exact.q.copy()
     q[90:, 6] -= 0.2  # from 1.5 s on it is lower
-    lower = foresight(predictor, told, dataclasses.replace(exact, q=q))
+    lower = foresight(Judges(predictor, predictor), told, dataclasses.replace(exact, q=q))
     np.testing.assert_array_equal(lower.beforehand, seen.beforehand)
     np.testing.assert_array_equal(lower.underway[:15], seen.underway[:15])
     assert (lower.underway[15:] != seen.underway[15:]).all()

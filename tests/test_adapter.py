@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context
 from scipy.special import expit
 
 from robomirror_drake.closed_loop import rollout_adaptive
-from robomirror_drake.exceptions import PortError
+from robomirror_drake.exceptions import ConfigError, PortError
 from robomirror_drake.handover_options import AdapterOptions, Continuation
 from robomirror_drake.messages import Handover, QualityPrediction, RobotReference
 from robomirror_drake.optimization.plan import plan_dynamics
@@ -246,3 +246,10 @@ def test_in_physics_the_robot_follows_through_the_hand_over(monkeypatch) -> None
     assert error.max() < 0.05
     assert len(done.seconds) == len(done.risk)
     assert (done.seconds > 0.0).all()
+
+
+def test_weights_that_know_states_from_the_command_are_refused() -> None:
+    foreteller = Foreteller(1.0)
+    foreteller.options = PPNOptions(states="commanded")
+    with pytest.raises(ConfigError, match="learned from measured ones"):
+        Adapter(ROBOT, foreteller)

@@ -501,7 +501,7 @@ def test_pool_sizes_are_drawn_as_a_line(tmp_path):
 def test_command_writes_what_it_was_asked_for(tmp_path, monkeypatch):
     file = tmp_path / "mine.yaml"
     file.write_text("failing: 3\nsucceeding: 0\ngrid: {methods: [none, selection], pool: [2]}\n")
-    monkeypatch.setattr(run, "fingerprint", lambda _: "none")
+    monkeypatch.setattr(run, "fingerprint", lambda *_: "none")
     monkeypatch.setattr(run_study, "__kwdefaults__", run_study.__kwdefaults__ | {"work": PRETEND})
     wanted = [str(file), "--workers", "0", "--limit", "2", "--out", str(tmp_path / "s")]
     wanted += ["--json", str(tmp_path / "s.json"), "--html", str(tmp_path / "s.html")]

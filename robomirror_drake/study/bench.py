@@ -82,7 +82,7 @@ class Bench:
 
     @property
     def predictor(self) -> Predictor:
-        """What foresees falls."""
+        """What foresees falls of motions that have yet to begin."""
         return _predictor(self.job.scenario.adaptation.predictor, self.job.scenario.robot)
 
     @property
@@ -165,8 +165,9 @@ class Bench:
             job = self.job
             options = physics(job.options, job.scenario, level)
             plan = self._plan(reference)
+            predictor = _predictor(adapter.predictor, job.scenario.robot)
             done = rollout_adaptive(
-                self.robot, reference, plan, self.predictor, options, adapter, self._luck
+                self.robot, reference, plan, predictor, options, adapter, self._luck
             )
             tried = self._judged(done.execution, done.plan, options)
             self._closed[key] = tried, done

@@ -18,7 +18,7 @@ from robomirror_drake.ppn.predictor import load_predictor
 from robomirror_drake.results import installed_versions
 from robomirror_drake.robot import load_robot
 from robomirror_drake.study.choose import Choice, choose, order_of
-from robomirror_drake.study.options import StudyOptions
+from robomirror_drake.study.options import CLOSED, StudyOptions
 from robomirror_drake.study.records import RESULTS, SCREENED, Job, Row
 from robomirror_drake.study.store import Part, write_file
 from robomirror_drake.study.unit import (
@@ -114,7 +114,7 @@ def run_study(
         "options": options.model_dump(mode="json"),
         "scenario": scenario.model_dump(mode="json", exclude={"command", "seed", "candidates"}),
         "commands": _fingerprint(one.model_dump_json() for one in prompts),
-        "weights": weights or fingerprint(scenario),
+        "weights": weights or fingerprint(options, scenario),
         "screening": _screening(options, scenario),
         "versions": installed_versions(),
     }
@@ -242,15 +242,18 @@ def _mapping(workers: int | None, address: str | None) -> Iterator[Map]:
         yield mapped
 
 
-def fingerprint(scenario: Scenario) -> str:
+def fingerprint(options: StudyOptions, scenario: Scenario) -> str:
     """Of the weights that foresee falls.
 
     Raises:
         ConfigError: There are no such weights, or they are of another robot.
     """
-    predictor = load_predictor(scenario.adaptation.predictor, load_robot(scenario.robot))
-    tensors = predictor.network.state_dict()
-    return _fingerprint(tensors[name].numpy().tobytes() for name in sorted(tensors))
+    used = [scenario.adaptation.predictor]
+    if set(options.grid.methods) & set(CLOSED):
+        used.append(options.adapter.predictor)
+    robot = load_robot(scenario.robot)
+    networks = [load_predictor(weights, robot).network.state_dict() for weights in used]
+    return _fingerprint(one[name].numpy().tobytes() for one in networks for name in sorted(one))
 
 
 def _fingerprint(parts: Iterable[str | bytes]) -> str:
