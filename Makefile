@@ -19,7 +19,7 @@ help:
 	@echo "                     (COMMAND='a person bows deeply' for another one)"
 	@echo "make test            run the tests"
 	@echo "make test-packaging  build sdist and wheel and try them in a fresh environment"
-	@echo "make bench           measure the retargeter and the controller"
+	@echo "make bench           measure retargeter, controller and adaptation"
 	@echo "make lint            ruff and mypy"
 	@echo "make format          let ruff format and fix the sources"
 
@@ -56,6 +56,7 @@ bench: $(VENV)/.bench
 	-$(MAKE) --no-print-directory $(TSID)/.ready  # without it the peer is left out
 	$(BIN)/robomirror bench retarget
 	$(BIN)/robomirror bench controller
+	$(BIN)/robomirror bench adaptation
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

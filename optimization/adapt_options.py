@@ -78,7 +78,9 @@ class AdaptOptions(_Options):
     iterations: int = Field(12, ge=1, le=500, description="judged steps at most")
     tolerance: float = Field(0.01, gt=0.0, description="share of the cost that a step must save")
     hurry: bool = Field(
-        False, description="stop where it is safe by half the margin, be it the least change or not"
+        False,
+        description="stop as soon as one motion is safe by half the margin, be it the least change"
+        " or not",
     )
     penalty: float = Field(30.0, gt=0.0, description="of a violated constraint, at first")
     radius: float = Field(1.0, gt=0.0, description="first trust region, in the scales above")

@@ -109,6 +109,8 @@ def solve(
     for _ in range(options.iterations):
         steps = [None if state.done else _step(state, options) for state in states]
         states = [_settled(s, step, options) for s, step in zip(states, steps, strict=True)]
+        if options.hurry and any(s.done and _will_do(s, options) for s in states):
+            break
         going = [i for i, state in enumerate(states) if not state.done]
         if not going:
             break
@@ -127,6 +129,12 @@ def solve(
         )
         for s in states
     ]
+
+
+def _will_do(state: _State, options: AdaptOptions) -> bool:
+    """Whether a point is safe by half the margin, and keeps what must be kept."""
+    over = state.point.violations(state.problem.ceiling)
+    return bool(over[0] < 0.5 * options.margin and over[1:].max() <= FEASIBLE)
 
 
 def _of(step: Step | None) -> Step:
@@ -179,7 +187,7 @@ def _settled(state: _State, step: Step | None, options: AdaptOptions) -> _State:
         return state._replace(done=True)
     over = state.point.violations(state.problem.ceiling)
     feasible = over.max() <= FEASIBLE
-    if options.hurry and over[0] < 0.5 * options.margin and over[1:].max() <= FEASIBLE:
+    if options.hurry and _will_do(state, options):
         return state._replace(multipliers=step.multipliers, done=True, converged=False)
     small = step.promised <= options.tolerance * max(state.point.cost, FEASIBLE)
     state = state._replace(multipliers=step.multipliers)

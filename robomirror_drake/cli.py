@@ -304,6 +304,14 @@ def bench_plan(json_file: JsonOption = None) -> None:
     _measure(bench_plan, json_file)
 
 
+@bench.command("adaptation")
+def bench_adaptation(json_file: JsonOption = None) -> None:
+    """An adaptation stage by stage, from words to a choice, and what the network takes of it."""
+    from robomirror_drake import bench_adaptation
+
+    _measure(bench_adaptation, json_file)
+
+
 @bench.command("pushes")
 def bench_pushes(
     scenario: ScenarioOption = "default",

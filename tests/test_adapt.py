@@ -220,6 +220,16 @@ def test_goals_are_kept() -> None:
     assert "goes farther" in [active.name for active in kept.explanation.active]
 
 
+def test_in_a_hurry_the_first_that_will_do_ends_it() -> None:
+    problem, judge = small(), Formula(3e-3)
+    starts = [Start(problem, away(problem)), Start(problem, np.zeros(problem.layout.size))]
+    patient = solve(starts, judge, options(iterations=40, tolerance=1e-6))
+    hurried = solve(starts, judge, options(iterations=40, tolerance=1e-6, hurry=True))
+    half = problem.ceiling + 0.5 * options().margin
+    assert any(one.feasible or one.point.logit <= half for one in hurried)
+    assert max(one.iterations for one in hurried) < max(one.iterations for one in patient)
+
+
 def test_same_arguments_same_bytes() -> None:
     first, second = (
         adapt(ROBOT, [walk()], Formula(3e-3), options=options(iterations=2))[0] for _ in range(2)

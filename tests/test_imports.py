@@ -46,6 +46,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "bench_retarget",
         "bench_controller",
         "bench_plan",
+        "bench_adaptation",
         "bench_pushes",
         "survey",
         "survey_styles",

@@ -17,7 +17,7 @@ from scipy.signal import find_peaks, peak_prominences
 from robomirror_drake.goals.predicates import Goals, Predicate
 from robomirror_drake.goals.probes import STANDSTILL, SWAY, Probe, channel, smoothed
 from robomirror_drake.goals.satisfaction import Judged, judge
-from robomirror_drake.goals.trace import RATE, Trace, from_standing
+from robomirror_drake.goals.trace import RATE, Trace, from_standing, headings
 from robomirror_drake.messages import Array
 from robomirror_drake.robot import Robot
 
@@ -99,7 +99,7 @@ def _by_q(
     robot: Robot, q: Array, probe: Probe, by_sample: Array, first: int, mirror: bool
 ) -> Array:
     """(N, 30) from the derivative by the channel as it is seen from its first sample (N, k)."""
-    begins = q[first : first + 1]
+    begins, side = q[first : first + 1], -1.0 if mirror else 1.0
 
     def read(rows: Array, name: str) -> Array:
         trace = from_standing(robot, rows)
@@ -108,24 +108,27 @@ def _by_q(
     by_world = by_sample.copy()
     by_yaw = 0.0  # of the first sample
     if probe.channel == "heading":
-        by_yaw = -float(by_sample.sum())
+        by_yaw = -side * float(by_sample.sum())
     elif probe.channel == "place":
-        yaw = float(read(begins, "heading")[0, 0])
+        yaw = side * float(headings(begins)[0, 0])
         c, s = np.cos(yaw), np.sin(yaw)
         turn = np.array([[c, s], [-s, c]])  # from the world to where it begins
-        seen = (read(q, "place") - read(begins, "place")) @ turn.T
+        seen = ((q[:, 4:6] - begins[:, 4:6]) * [1.0, side]) @ turn.T
         by_world = by_sample @ turn
         by_world[first] -= by_world.sum(axis=0)
-        by_yaw = float(np.sum(by_sample * np.stack([seen[:, 1], -seen[:, 0]], axis=1)))
+        by_yaw = side * float(np.sum(by_sample * np.stack([seen[:, 1], -seen[:, 0]], axis=1)))
     gradient = np.zeros_like(q)
     touched = np.flatnonzero(by_world.any(axis=1))
     if probe.channel == "place":  # two of the coordinates themselves
-        gradient[:, 4:6] = by_world * ([1.0, -1.0] if mirror else [1.0, 1.0])
+        gradient[:, 4:6] = by_world * [1.0, side]
+    elif probe.channel == "heading":
+        slope = _differences(headings, q[touched])
+        gradient[touched] = side * np.einsum("tk,tkj->tj", by_world[touched], slope)
     elif len(touched):
         slope = _differences(lambda rows: read(rows, probe.channel), q[touched])
         gradient[touched] = np.einsum("tk,tkj->tj", by_world[touched], slope)
     if by_yaw != 0.0:
-        gradient[first] += by_yaw * _differences(lambda rows: read(rows, "heading"), begins)[0, 0]
+        gradient[first] += by_yaw * _differences(headings, begins)[0, 0]
     return gradient
 
 

@@ -118,8 +118,7 @@ def _seen(robot: Robot, q: Array) -> Trace:
     # Without an offset the frame's orientation is the reference's.
     R, p = body_poses(tables.tree, base, np.hstack([q[:, 4:7], np.zeros((len(q), 3)), q[:, 7:]]))
     corners = positions(tables.corners, R, p).reshape(len(q), 2, 4, 3)
-    # From the lateral axis, which stays level where the pelvis is bowed.
-    yaw = np.arctan2(-base[:, 0, 1], base[:, 1, 1])
+    yaw = _yaw(base)
     turned = np.einsum("tji,tjk->tik", _about_z(yaw), R[:, chest])
     roll = np.arctan2(turned[:, 2, 1], turned[:, 2, 2])
     pitch = np.arcsin(np.clip(-turned[:, 2, 0], -1.0, 1.0))
@@ -133,6 +132,16 @@ def _seen(robot: Robot, q: Array) -> Trace:
         feet=_from_pelvis(corners.mean(axis=2), q[:, 4:6], yaw),
         clearance=corners[..., 2].min(axis=2),
     )
+
+
+def headings(q: Array) -> Array:
+    """(T, 1) headings of configurations (T, 30) in the world [rad], each from itself alone."""
+    return _yaw(rotation_matrix(q[:, :4]))[:, None]
+
+
+def _yaw(base: Array) -> Array:
+    """(T,) from the lateral axis of a base (T, 3, 3), which is level where the pelvis is bowed."""
+    return np.asarray(np.arctan2(-base[:, 0, 1], base[:, 1, 1]))
 
 
 def _about_z(yaw: Array) -> Array:

@@ -98,7 +98,8 @@ def train(
     optimizer = torch.optim.AdamW(
         network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay
     )
-    steps = max(1, math.ceil(len(learned) / options.batch))
+    # An epoch draws as many windows with a fall as there are: each is seen about once in it.
+    steps = math.ceil(int(data.fall[learned].sum()) / (options.falls * options.batch))
     header = {
         "options": options.model_dump(mode="json", exclude={"data", "out", "device", "threads"}),
         "data": _described(data, learned, judged),

@@ -21,7 +21,7 @@ class PPNOptions(BaseModel):
     heads: int = Field(4, ge=1, le=32, description="of attention")
     self_layers: int = Field(2, ge=0, le=12, description="of self-attention among the states")
     cross_layers: int = Field(2, ge=1, le=12, description="of attention to the reference")
-    dropout: float = Field(0.1, ge=0.0, lt=1.0, description="while it is trained")
+    dropout: float = Field(0.2, ge=0.0, lt=1.0, description="while it is trained")
     use_reference: bool = Field(True, description="false: an ablation that sees no reference")
     use_state: bool = Field(True, description="false: an ablation that sees no state")
     states: Literal["measured", "commanded"] = Field(
@@ -66,11 +66,13 @@ class TrainOptions(BaseModel):
     seed: int = Field(0, ge=0, le=2**32 - 1, description="of weights, batches and dropout")
     device: Literal["cpu", "cuda"] = Field("cpu", description="where it is trained")
     threads: int = Field(1, ge=1, le=256, description="of the processor")
-    epochs: int = Field(30, ge=1, le=10_000, description="at most")
+    epochs: int = Field(
+        40, ge=1, le=10_000, description="at most; in one, each fall is drawn once on average"
+    )
     patience: int = Field(8, ge=1, le=10_000, description="epochs without a better one")
     batch: int = Field(256, ge=2, le=65_536, description="windows in a step")
-    learning_rate: float = Field(1e-3, gt=0.0, le=1.0, description="highest")
-    weight_decay: float = Field(0.02, ge=0.0, le=10.0, description="of AdamW")
+    learning_rate: float = Field(5e-4, gt=0.0, le=1.0, description="highest")
+    weight_decay: float = Field(0.05, ge=0.0, le=10.0, description="of AdamW")
     falls: float = Field(0.5, gt=0.0, lt=1.0, description="share of windows with a fall in a step")
     align: float = Field(0.3, ge=0.0, description="weight of the errors but A_qdd (lambda 1)")
     smooth: float = Field(0.1, ge=0.0, description="weight of the error A_qdd (lambda 2)")
