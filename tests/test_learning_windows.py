@@ -144,6 +144,7 @@ def test_windows_into_which_a_push_falls_are_left_out(tmp_path, write_executions
     starts = np.unique(np.round(start_times(pushed), 3))
     assert not ((starts < 0.5 - 1e-6) & (starts > 1e-6)).any()
     assert (starts >= 0.5 - 1e-6).any()
+    np.testing.assert_array_equal(pushed.pushed, start_times(pushed) >= 0.5 - 1e-6)
 
 
 def test_a_folder_without_executions_is_refused(tmp_path, folder):

@@ -235,6 +235,8 @@ def _splits(data: Windows, options: TrainOptions) -> tuple[Integers, Integers]:
     kept = set(order[: math.ceil(options.share * len(order))].tolist())
     learned = data.of(lambda row: row["prompt_index"] in kept)
     judged = data.of_split("validation")
+    if options.network.states == "commanded":  # nothing tells of a push
+        learned, judged = (which[~data.pushed[which]] for which in (learned, judged))
     for name, which in (("train", learned), ("validation", judged)):
         data.check_falls(which, options.data, f"for {name}")
     return learned, judged

@@ -18,7 +18,7 @@ from robomirror_drake.dataset.folder import description
 from robomirror_drake.dataset.shards import read_frames, read_shards
 from robomirror_drake.dataset.windows import Labels, Track, label_windows
 from robomirror_drake.exceptions import ResultError
-from robomirror_drake.messages import Array
+from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.features import (
     PAD,
@@ -70,6 +70,7 @@ class Windows:
         fall: (W,) whether the robot falls within the horizon.
         time_to_fall: (W,) [s], +inf where the execution has no fall.
         errors: (W, 5) natural logarithms of the mean errors.
+        pushed: (W,) whether the robot has been pushed before.
         episode: (W,) row of ``episodes``.
         episodes: What the data set says of each.
         fingerprint: Of the episodes, mirrored ones aside.
@@ -83,6 +84,7 @@ class Windows:
     fall: Tensor
     time_to_fall: Tensor
     errors: Tensor
+    pushed: BoolArray
     episode: Integers
     episodes: list[dict[str, Any]]
     fingerprint: str
@@ -270,5 +272,6 @@ def _windows(
         "ahead": labels.start // step + before,
         "fall": torch.from_numpy(labels.fall),
         "time_to_fall": torch.from_numpy(labels.time_to_fall).float(),
+        "pushed": labels.start >= min(pushes, default=np.inf) * RECORDED,
         "errors": torch.from_numpy(np.log(np.maximum(labels.errors, _LEAST_ERROR))).float(),
     }
