@@ -67,9 +67,9 @@ class TrainOptions(BaseModel):
     device: Literal["cpu", "cuda"] = Field("cpu", description="where it is trained")
     threads: int = Field(1, ge=1, le=256, description="of the processor")
     epochs: int = Field(
-        40, ge=1, le=10_000, description="at most; in one, each fall is drawn once on average"
+        24, ge=1, le=10_000, description="at most; in one, each fall is drawn once on average"
     )
-    patience: int = Field(8, ge=1, le=10_000, description="epochs without a better one")
+    patience: int = Field(6, ge=1, le=10_000, description="epochs without a better one")
     batch: int = Field(256, ge=2, le=65_536, description="windows in a step")
     learning_rate: float = Field(5e-4, gt=0.0, le=1.0, description="highest")
     weight_decay: float = Field(0.05, ge=0.0, le=10.0, description="of AdamW")
