@@ -311,12 +311,12 @@ def _row(
         execution = rollout(robot, plan, task.scenario.simulation, seed)
         outcome = judge(robot, execution, plan, task.scenario.simulation)
     except Exception as error:  # as above
-        return task.row(seed, style=style or None, error=f"{type(error).__name__}: {error}")
+        return task.row(seed, style=dict(style) or None, error=f"{type(error).__name__}: {error}")
     time_scale = min(1.0, plan.residuals.get("time_scale", 1.0))  # up to rounding
     from_raw = errors_to_raw(execution, _at_tempo(raw, time_scale), plan.lead)
     return task.row(
         seed,
-        style=style or None,
+        style=dict(style) or None,
         fell=outcome.fell,
         fall_time_s=outcome.fall_time_s,
         fall_cause=outcome.fall_cause,

@@ -225,3 +225,12 @@ def test_candidates_have_styles_of_their_own_in_each_action() -> None:
     assert tasks[1].scenario.seed != tasks[3].scenario.seed
     with pytest.raises(InputError, match="0 candidates"):
         survey_tasks(Scenario(), ["bow"], candidates=0)
+
+
+@pytest.mark.slow
+def test_a_sampled_candidate_is_executed_in_a_process_of_its_own() -> None:
+    tasks = survey_tasks(Scenario(), ["shrug"], candidates=2)
+    (sampled_row,) = next(survey_rows(tasks[1:], jobs=1))
+    assert sampled_row.error is None
+    assert sampled_row.style["tempo"] != 1.0
+    assert sampled_row.candidate == 1
