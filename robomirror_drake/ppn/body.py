@@ -6,6 +6,7 @@ and frames, and differentiable, at a fraction of a millisecond for a pool.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -47,17 +48,30 @@ class Body(nn.Module):
     translation: Tensor
     axis: Tensor
     soles: Tensor
+    visited: Tensor
     order: Tensor
     above: Tensor
+    skew: Tensor
+    square: Tensor
 
     def __init__(
         self, parents: list[int], legs: list[list[int]], feet: list[int], **constants: Tensor
     ) -> None:
         super().__init__()
         self.parents, self.legs, self.feet = parents, legs, feet
-        self.levels = _levels(parents)
-        visited = [0, *(1 + i for level in self.levels for i in level.links)]
-        self.register_buffer("order", torch.tensor(np.argsort(visited)), persistent=False)
+        levels = _levels(parents)
+        # Joints are passed level by level, so that those of a level lie side by side.
+        visited = [joint for level in levels for joint in level.links]
+        constants["visited"] = torch.tensor(visited)
+        constants["order"] = torch.tensor(np.argsort([0, *(1 + joint for joint in visited)]))
+        ends = np.cumsum([0, *(len(level.links) for level in levels)]).tolist()
+        self.levels = [slice(*pair) for pair in pairwise(ends)]
+        for number, level in enumerate(levels):
+            constants[f"above_{number}"] = torch.tensor(level.above)
+        constants["skew"] = _skew(constants["axis"][visited])
+        constants["square"] = constants["skew"] @ constants["skew"]
+        for name in ("rotation", "translation"):
+            constants[name] = constants[name][visited]
         chains = [_chain(parents, link) for link in range(1, len(parents) + 1)]
         above = [
             [float(joint in chain) for chain in [[], *chains]] for joint in range(len(parents))
@@ -101,13 +115,14 @@ class Body(nn.Module):
 
         The quaternion need not be a unit one: its direction counts.
         """
-        turned = self.rotation @ _about(self.axis, q[..., 7:])
+        turned = self.rotation @ self._about(q[..., 7:].index_select(-1, self.visited))
         R, p = [rotation(q[..., :4])[..., None, :, :]], [q[..., None, 4:7]]
-        for level in self.levels:
-            above = R[-1][..., level.above, :, :]
-            arm = (above @ self.translation[level.links][..., None])[..., 0]
-            R.append(above @ turned[..., level.links, :, :])
-            p.append(p[-1][..., level.above, :] + arm)
+        for number, level in enumerate(self.levels):
+            parents = self.get_buffer(f"above_{number}")
+            above = R[-1].index_select(-3, parents)
+            arm = (above @ self.translation[level, :, None])[..., 0]
+            R.append(above @ turned[..., level, :, :])
+            p.append(p[-1].index_select(-2, parents) + arm)
         R_all = torch.cat(R, -3).index_select(-3, self.order)
         p_all = torch.cat(p, -2).index_select(-2, self.order)
         axis = (R_all[..., 1:, :, :] @ self.axis[..., None])[..., 0]
@@ -120,6 +135,12 @@ class Body(nn.Module):
         spin, shift = v[..., :3], v[..., 3:6]
         speed = shift + torch.linalg.cross(spin, com - q[..., 4:7]) + turning.sum(-2)
         return Links(R_all, p_all, axis, spin, shift, com, speed)
+
+    def _about(self, angle: Tensor) -> Tensor:
+        """(…, J, 3, 3) rotations about the joints' axes by angles (…, J) (Rodrigues)."""
+        sine, cosine = angle.sin()[..., None, None], angle.cos()[..., None, None]
+        unit = torch.eye(3, dtype=angle.dtype, device=angle.device)
+        return unit + sine * self.skew + (1.0 - cosine) * self.square
 
 
 class _Level(NamedTuple):
@@ -150,14 +171,11 @@ def _chain(parents: list[int], link: int) -> list[int]:
     return chain[::-1]
 
 
-def _about(axis: Tensor, angle: Tensor) -> Tensor:
-    """(…, J, 3, 3) rotations about unit axes (J, 3) by angles (…, J) (Rodrigues)."""
+def _skew(axis: Tensor) -> Tensor:
+    """(J, 3, 3) matrices of cross products with axes (J, 3)."""
     zero = torch.zeros_like(axis[:, 0])
     x, y, z = axis.unbind(-1)
-    K = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
-    sine, cosine = angle.sin()[..., None, None], angle.cos()[..., None, None]
-    unit = torch.eye(3, dtype=axis.dtype, device=axis.device)
-    return unit + sine * K + (1.0 - cosine) * (K @ K)
+    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
 
 
 def rotation(quaternion: Tensor) -> Tensor:

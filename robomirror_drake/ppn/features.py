@@ -73,7 +73,9 @@ def unflat(row: Tensor, vectors: int) -> Frames:
 def state_frames(body: Body, q: Tensor, v: Tensor) -> Frames:
     """Of states (…, 30), (…, 29), Drake order."""
     links = body(q, v)
-    return Frames(q[..., 4:7], torch.cat(_moving(body, links), -2), _scalars(body, links, q, v))
+    soles = _soles(body, links)
+    vectors = torch.cat(_moving(body, links, soles), -2)
+    return Frames(q[..., 4:7], vectors, _scalars(soles, q, v))
 
 
 def reference_frames(body: Body, q: Tensor, contact: Tensor, step: float) -> Frames:
@@ -92,10 +94,11 @@ def reference_frames(body: Body, q: Tensor, contact: Tensor, step: float) -> Fra
     a = _differences(links.com_velocity, step)
     time = q.dim() - 2
     q, v, links = _inner(q, time), _inner(v, time), Links(*(_inner(part, time) for part in links))
-    asked = _asked(body, links, a, contact)
-    vectors = torch.cat([*_moving(body, links), a[..., None, :], asked.zmp], -2)
+    soles = _soles(body, links)
+    asked = _asked(body, links, soles, a, contact)
+    vectors = torch.cat([*_moving(body, links, soles), a[..., None, :], asked.zmp], -2)
     halves = contact.reshape(*contact.shape[:-2], 4, 2).mean(-1)
-    scalars = torch.cat([_scalars(body, links, q, v), halves, asked.torque], -1)
+    scalars = torch.cat([_scalars(soles, q, v), halves, asked.torque], -1)
     return Frames(q[..., 4:7], vectors, scalars)
 
 
@@ -156,12 +159,11 @@ class _Asked(NamedTuple):
     torque: Tensor  # (…, legs' joints) per body weight [m]
 
 
-def _asked(body: Body, links: Links, a: Tensor, contact: Tensor) -> _Asked:
+def _asked(body: Body, links: Links, soles: Tensor, a: Tensor, contact: Tensor) -> _Asked:
     """What the ground has to give for a motion, and what that asks of the legs' joints."""
     lift = a[..., 2] + GRAVITY
     fall = links.com[..., 2] / lift.clamp(min=_LEAST_LIFT * GRAVITY)
     zmp = links.com[..., :2] - fall[..., None] * a[..., :2]
-    soles = _soles(body, links)
     away = torch.cat(
         [zmp[..., None, :] - soles[..., :2], torch.zeros_like(soles[..., 2:])], -1
     )  # fmt: skip
@@ -192,7 +194,7 @@ def _soles(body: Body, links: Links) -> Tensor:
     return p + (R @ body.soles[..., None])[..., 0]
 
 
-def _moving(body: Body, links: Links) -> list[Tensor]:
+def _moving(body: Body, links: Links, soles: Tensor) -> list[Tensor]:
     """Vectors (…, n, 3) that states and references have."""
     base = links.p[..., :1, :]
     return [
@@ -201,14 +203,14 @@ def _moving(body: Body, links: Links) -> list[Tensor]:
         links.angular[..., None, :],
         links.com[..., None, :] - base,
         links.com_velocity[..., None, :],
-        _soles(body, links) - base,
+        soles - base,
         links.R[..., body.feet, :, 2].sum(-2, keepdim=True),
     ]
 
 
-def _scalars(body: Body, links: Links, q: Tensor, v: Tensor) -> Tensor:
+def _scalars(soles: Tensor, q: Tensor, v: Tensor) -> Tensor:
     """Joint angles and velocities, and the heights of the soles."""
-    return torch.cat([q[..., 7:], v[..., 6:], _soles(body, links)[..., 2]], -1)
+    return torch.cat([q[..., 7:], v[..., 6:], soles[..., 2]], -1)
 
 
 def _differences(x: Tensor, step: float) -> Tensor:

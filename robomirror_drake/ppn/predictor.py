@@ -188,11 +188,13 @@ class Predictor:
         """Scores of all windows, motion by motion; each has as many."""
         options, number, samples = self.options, len(q), q.shape[1]
         back, future_samples = options.back - 1, options.ahead
-        held = torch.arange(-back - PAD, samples + future_samples + PAD).clamp(0, samples - 1)
-        asked = self._reference(q[:, held], contact[:, held[PAD:-PAD]])
-        past, future = asked.as_state(self._asked).flat(), asked.flat()
         until = max(math.ceil(min(samples - 1, ahead * options.rate)), 1)
         first = torch.arange(0, until, max(1, round(every * options.rate)))
+        # No further than the last window looks: features are most of what a prediction costs.
+        looked = int(first[-1]) + future_samples + PAD
+        held = torch.arange(-back - PAD, looked).clamp(0, samples - 1)
+        asked = self._reference(q[:, held], contact[:, held[PAD:-PAD]])
+        past, future = asked.as_state(self._asked).flat(), asked.flat()
         states = past[:, first[:, None] + torch.arange(options.back)]
         if history is not None:
             states = torch.cat(
