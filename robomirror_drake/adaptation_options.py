@@ -23,7 +23,7 @@ class AdaptationOptions(BaseModel):
 
     method: Method = Field("none", description="what may be done")
     predictor: str = Field(
-        "ppn_1s_without_state",
+        "ppn_1s_commanded",
         description="weights in assets/ppn, or a path; of whole motions one knows no state but the"
         " first, and a network that expects to see how a fall begins takes them for safe",
     )
