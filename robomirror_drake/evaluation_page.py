@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from robomirror_drake import evaluation_plots as plots
 from robomirror_drake.learning.evaluate import Judgement
 from robomirror_drake.learning.judge import EARLY, UNITS
 from robomirror_drake.learning.metrics import BINS
+from robomirror_drake.learning.train import WEIGHTS
 from robomirror_drake.page import plot, render
 
 
@@ -139,7 +141,14 @@ def render_card(figures: dict[str, Any]) -> str:
         "ppn_card.md",
         figures,
         networks=[row for row in figures["rows"] if "trained_on" in row],
+        weights_name=_weights_name,
     )
+
+
+def _weights_name(path: str) -> str:
+    """What weights are called: a training's folder tells, where all files are named alike."""
+    file = Path(path)
+    return file.parent.name if file.name == WEIGHTS else file.stem
 
 
 def render_evaluation(figures: dict[str, Any], judged: Sequence[Judgement]) -> str:
