@@ -19,7 +19,7 @@ from robomirror_drake.learning.judge import UNITS
 NETWORK = {
     "horizon": 0.5, "history": 0.1, "width": 16, "heads": 2, "self_layers": 1, "cross_layers": 1,
 }  # fmt: skip
-EACH = {"epochs": 6, "batch": 32, "average": 0.9}
+EACH = {"epochs": 6, "batch": 32, "average": 0.9, "learning_rate": 6e-3}
 MODELS = ["PPN", "PPN without state", "PPN, 50 % of the commands"]
 BASELINES = ["logistic regression", "boosted trees"]
 

@@ -23,6 +23,7 @@ from robomirror_drake.yaml_file import load_yaml, validate
 
 NETWORK = {
     "horizon": 0.5, "history": 0.1, "width": 16, "heads": 2, "self_layers": 1, "cross_layers": 1,
+    "dropout": 0.1,
 }  # fmt: skip
 
 
@@ -34,7 +35,8 @@ def data(tmp_path_factory, write_executions):
 
 def tiny(data, out, **changes) -> TrainOptions:
     settings = {"data": data, "out": out, "network": NETWORK, "epochs": 8, "batch": 32}
-    return validate(TrainOptions, settings | {"average": 0.9} | changes, "test")
+    quick = {"average": 0.9, "learning_rate": 6e-3}
+    return validate(TrainOptions, settings | quick | changes, "test")
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +162,8 @@ def test_two_processes_learn_together(data, tmp_path):
     """As one does: they share batches and gradients, so only dropout tells them apart."""
     settings = tmp_path / "two.yaml"
     network = NETWORK | {"dropout": 0.0}
-    settings.write_text(json.dumps({"network": network, "epochs": 2, "batch": 32, "average": 0.9}))
+    same = {"epochs": 2, "batch": 32, "average": 0.9, "learning_rate": 6e-3}
+    settings.write_text(json.dumps({"network": network} | same))
     command = ["-m", "robomirror_drake", "train", settings, "--data", data, "--out", tmp_path / "2"]
     started = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2"]
     port = str(29_000 + os.getpid() % 1000)
