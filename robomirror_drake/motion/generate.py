@@ -16,10 +16,6 @@ from robomirror_drake.motion.text import Clause, parse
 
 MAX_CANDIDATES = 256
 
-_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-_SHARED = 0.75  # part of a graded draw that is common to all that costs effort
-_GENTLEST = 0.45  # factor on tempo, amplitude and step length
-
 
 class GeneratorOptions(BaseModel):
     """How candidates are made."""
@@ -35,11 +31,6 @@ class GeneratorOptions(BaseModel):
         ge=0.3,
         le=2.5,
         description="Factor on tempo and size of what the composer does, on top of the words.",
-    )
-    graded: bool = Field(
-        False,
-        description="Candidates are spread evenly from gentle in every respect to full; else each"
-        " parameter of their style is drawn for itself.",
     )
     source: SourceOptions = SourceOptions()
 
@@ -92,8 +83,7 @@ def check_request(n: int, seed: int) -> None:
 def _candidate(
     text: str, clauses: tuple[Clause, ...], index: int, seed: int, options: GeneratorOptions
 ) -> HumanMotion:
-    drawn = draw_style(seed, index, options.diversity, options.graded)
-    style = vigorous(drawn, options.vigour)
+    style = vigorous(draw_style(seed, index, options.diversity), options.vigour)
     actions = "+".join(_named(clause, style) for clause in clauses)
     return HumanMotion(
         positions=compose(clauses, style, options.fps),
@@ -120,34 +110,22 @@ def vigorous(style: Style, vigour: float) -> Style:
     )
 
 
-def draw_style(seed: int, index: int, diversity: float = 1.0, graded: bool = False) -> Style:
-    """The style of a candidate: nominal for index 0, else drawn for (seed, index).
-
-    Where they are graded, tempo, amplitude and step length share most of their draw, which
-    goes through the numbers from 0 to 1 as evenly as can be whatever the number of candidates
-    (multiples of the golden ratio; Knuth, The Art of Computer Programming 3, section 6.4), and
-    begin lower: what a robot cannot do large, it may do small in all respects.
-    """
+def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
+    """The style of a candidate: nominal for index 0, else drawn for (seed, index)."""
     nominal = Style()
     if index == 0 or diversity == 0.0:
         return nominal
     rng = np.random.default_rng((seed, index))
-    grade = (np.random.default_rng(seed).random() + index * _GOLDEN) % 1.0
 
     def around(value: float, low: float, high: float) -> float:
-        return float(value + diversity * (rng.uniform(low, high) - value))
-
-    def effort(value: float, low: float, high: float) -> float:
-        if not graded:
-            return around(value, low, high)
-        share = _SHARED * grade + (1.0 - _SHARED) * rng.random()
-        return float(value + diversity * (_GENTLEST + (high - _GENTLEST) * share - value))
+        drawn = rng.uniform(low, high)
+        return float(value + diversity * (drawn - value))
 
     # Rather gentler than the nominal style: it is what a robot may be in need of.
     return Style(
-        tempo=effort(nominal.tempo, 0.6, 1.22),
-        amplitude=effort(nominal.amplitude, 0.6, 1.25),
-        step_length=effort(nominal.step_length, 0.6, 1.15),
+        tempo=around(nominal.tempo, 0.6, 1.22),
+        amplitude=around(nominal.amplitude, 0.6, 1.25),
+        step_length=around(nominal.step_length, 0.6, 1.15),
         step_width=around(nominal.step_width, 0.18, 0.26),
         # Lower, and a slow foot cannot be told from a standing one by its motion.
         step_height=around(nominal.step_height, 0.065, 0.10),
