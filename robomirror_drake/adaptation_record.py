@@ -95,7 +95,7 @@ class AdaptationRecord:
 
     Attributes:
         method: What might be done.
-        weights: By which it was foreseen: a name or a path.
+        weights: By which it was foreseen before the robot moved: a name or a path.
         how: ``kept``, ``selected``, ``optimised`` or ``unsafe``.
         number: Of the human motion that what was taken comes from.
         changed: Whether the robot was told something else than the command's own motion.
@@ -108,6 +108,7 @@ class AdaptationRecord:
         handovers: What was decided while it ran, in a closed loop.
         warnings: What speaks against the predictions.
         not_compared: Why the command's own motion was not executed as well; empty where it was.
+        underway: The weights by which it was foreseen on the way.
     """
 
     method: str
@@ -125,6 +126,7 @@ class AdaptationRecord:
     handovers: tuple[HandoverRecord, ...] = ()
     warnings: tuple[str, ...] = ()
     not_compared: str = ""
+    underway: str = ""
 
     @property
     def stopped(self) -> bool:

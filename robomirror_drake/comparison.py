@@ -75,6 +75,7 @@ def record_of(
     return AdaptationRecord(
         method=options.method,
         weights=options.predictor,
+        underway=options.adapter.predictor,
         how=made.how,
         number=numbers[made.candidate],
         changed=made.changed is not None or made.candidate != 0,
