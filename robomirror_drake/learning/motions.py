@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow.compute as pc
 from scipy.special import logit
 
-from robomirror_drake.dataset.shards import read_shards
 from robomirror_drake.learning import metrics
 from robomirror_drake.learning.metrics import Draws, Integers
+from robomirror_drake.learning.windows import executed, take_reference
 from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.ppn.features import RECORDED
 from robomirror_drake.ppn.predictor import EVERY, Predictor
@@ -35,23 +35,18 @@ class Motion(NamedTuple):
 
 
 def read_motions(folder: Path, splits: Collection[str]) -> dict[str, list[Motion]]:
-    """All motions of some splits of a data set that were executed without a disturbance."""
+    """All motions of some splits of a data set that were executed without a disturbance.
+
+    Raises:
+        ResultError: It was made before episodes held their kinematic reference.
+    """
     motions: dict[str, list[Motion]] = {split: [] for split in splits}
-    for _, table in read_shards(folder):
-        wanted = (
-            (pc.field("kind") == "nominal")
-            & (pc.field("frames") > 1)
-            & pc.field("split").isin(list(splits))
-        )
+    wanted = (pc.field("kind") == "nominal") & pc.field("split").isin(list(splits))
+    for _, table in executed(folder):
         for row in table.filter(wanted).to_pylist():
-            motions[row["split"]].append(_motion(row))
+            motion = Motion(*take_reference(row), row["prompt_index"], bool(row["fell"]))
+            motions[row["split"]].append(motion)
     return motions
-
-
-def _motion(row: dict[str, Any]) -> Motion:
-    contact = np.array(row["raw_contact"], dtype=np.float64).reshape(-1, 2, 4)
-    q = np.array(row["raw_q"], dtype=np.float64).reshape(len(contact), -1)
-    return Motion(q, contact, row["prompt_index"], bool(row["fell"]))
 
 
 def foreseen(predictor: Predictor, motions: Sequence[Motion]) -> Array:

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pyarrow.compute as pc
 import torch
 from torch import Tensor
 
 from robomirror_drake.dataset.folder import description
-from robomirror_drake.dataset.shards import read_frames, read_shards
+from robomirror_drake.dataset.shards import Shard, read_frames, read_shards
 from robomirror_drake.dataset.windows import Labels, Track, label_windows
 from robomirror_drake.exceptions import ResultError
 from robomirror_drake.messages import Array, BoolArray
@@ -202,32 +203,38 @@ def _all_episodes(folder: Path, mirror: Mirror | None) -> Iterator[Episode]:
             )  # fmt: skip
 
 
-def read_episodes_of(folder: Path) -> Iterator[Episode]:
-    """All whole episodes of a data set.
+def executed(folder: Path) -> Iterator[tuple[Shard, pa.Table]]:
+    """Shards of a data set with their episodes, without those that were not executed.
 
     Raises:
         ResultError: It was made before episodes held their kinematic reference.
     """
-    wanted = ["episode", "time", "q", "v", "q_raw", "v_raw"]
-    run: dict[str, float] = {}
     for shard, table in read_shards(folder):
         if "raw_q" not in table.column_names:
             raise ResultError(f"{shard.episodes} has no column raw_q; make the data set anew")
         rows = table.filter(pc.greater(table["frames"], 1))
-        if not len(rows):
-            continue
+        if len(rows):
+            yield shard, rows
+
+
+def take_reference(about: dict[str, Any]) -> tuple[Array, Array]:
+    """Takes the kinematic reference (R, 30), (R, 2, 4) at 60 Hz out of an episode's row."""
+    contact = np.array(about.pop("raw_contact"), dtype=np.float64).reshape(-1, 2, 4)
+    return np.array(about.pop("raw_q"), dtype=np.float64).reshape(len(contact), -1), contact
+
+
+def read_episodes_of(folder: Path) -> Iterator[Episode]:
+    """All whole episodes of a data set; raises what :func:`executed` does."""
+    wanted = ["episode", "time", "q", "v", "q_raw", "v_raw"]
+    run: dict[str, float] = {}
+    for shard, rows in executed(folder):
         frames, run = read_frames(shard, wanted), run or _run_of(folder)
         number = frames["episode"].to_numpy()
         columns = {name: rows_in_shape(frames, name) for name in wanted[1:]}
         for about in rows.to_pylist():
             where = slice(*np.searchsorted(number, [about["episode"], about["episode"] + 1]))
-            q = columns["q"][where]
-            raw_q = np.array(about.pop("raw_q"), dtype=np.float64).reshape(-1, q.shape[1])
-            raw_contact = np.array(about.pop("raw_contact"), dtype=np.float64).reshape(-1, 2, 4)
-            track = Track(
-                columns["time"][where], q, columns["v"][where],
-                columns["q_raw"][where], columns["v_raw"][where],
-            )  # fmt: skip
+            track = Track(*(columns[name][where] for name in wanted[1:]))
+            raw_q, raw_contact = take_reference(about)
             yield Episode(about | run, track, raw_q, raw_contact)
 
 
