@@ -94,7 +94,7 @@ def _apply(matrix: Array, vector: Array) -> Array:
 
 
 def unit_quaternions(x: Array) -> Array:
-    """(T, 30) x with its quaternion normalised: a configuration in Drake's order."""
+    """(…, n) x with the quaternion that it begins with normalised: Drake's order."""
     q = x.copy()
     q[..., :4] /= np.linalg.norm(q[..., :4], axis=-1, keepdims=True)
     return q

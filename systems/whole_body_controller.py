@@ -20,6 +20,7 @@ from pydrake.systems.framework import (
 
 from robomirror_drake.exceptions import PortError
 from robomirror_drake.messages import Array, RobotReference
+from robomirror_drake.optimization.centroidal import unit_quaternions
 from robomirror_drake.optimization.dynamics_terms import control_model
 from robomirror_drake.optimization.preview import Preview, PreviewOptions, preview_gains
 from robomirror_drake.optimization.reference_trajectory import (
@@ -229,7 +230,7 @@ class WholeBodyController(LeafSystem):
         force = port.Eval(context).reshape(2, 3) if port.HasValue(context) else None
         # Drake's discrete plant lets the norm drift, by a hundredth within seconds, and Pinocchio
         # takes what it is given.
-        state = np.concatenate([state[:4] / np.linalg.norm(state[:4]), state[4:]])
+        state = unit_quaternions(state)
         q, v = predicted(
             self._model,
             self._robot.to_pinocchio(state[:nq]),
