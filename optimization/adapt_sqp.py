@@ -110,6 +110,7 @@ def solve(
         steps = [None if state.done else _step(state, options) for state in states]
         states = [_settled(s, step, options) for s, step in zip(states, steps, strict=True)]
         if options.hurry and any(s.done and _will_do(s, options) for s in states):
+            states = [s._replace(done=True) for s in states]  # they have their prices
             break
         going = [i for i, state in enumerate(states) if not state.done]
         if not going:

@@ -261,7 +261,8 @@ def _executed(task: Task, scenario: Scenario) -> list[Row]:
             raw, plan = _plans(robot, scenario, motion)
         except Exception as error:  # whatever it is, the other rows shall be done
             return task.failed(f"{type(error).__name__}: {error}")
-        return [_row(robot, task, motion.style, raw, plan, seed) for seed in task.seeds]
+        style = dict(motion.style) or None
+        return [_row(robot, task, style, raw, plan, seed) for seed in task.seeds]
 
 
 def _motion(scenario: Scenario, candidate: int) -> HumanMotion:
@@ -302,7 +303,7 @@ def _at_tempo(raw: RobotReference, time_scale: float) -> RobotReference:
 def _row(
     robot: Robot,
     task: Task,
-    style: Mapping[str, float],
+    style: Mapping[str, float] | None,
     raw: RobotReference,
     plan: RobotReference,
     seed: int,
@@ -311,12 +312,12 @@ def _row(
         execution = rollout(robot, plan, task.scenario.simulation, seed)
         outcome = judge(robot, execution, plan, task.scenario.simulation)
     except Exception as error:  # as above
-        return task.row(seed, style=dict(style) or None, error=f"{type(error).__name__}: {error}")
+        return task.row(seed, style=style, error=f"{type(error).__name__}: {error}")
     time_scale = min(1.0, plan.residuals.get("time_scale", 1.0))  # up to rounding
     from_raw = errors_to_raw(execution, _at_tempo(raw, time_scale), plan.lead)
     return task.row(
         seed,
-        style=dict(style) or None,
+        style=style,
         fell=outcome.fell,
         fall_time_s=outcome.fall_time_s,
         fall_cause=outcome.fall_cause,
