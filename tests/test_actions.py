@@ -304,6 +304,16 @@ def test_jump_flies_ballistically(candidate: int) -> None:
     assert np.abs(acceleration[inner] - [0.0, 0.0, -GRAVITY]).max() < 0.25
 
 
+@pytest.mark.parametrize("name", ["hop", "run", "skip", "leap"])
+def test_less_spring_bounces_less(name: str) -> None:
+    """The pelvis goes up and down less, and the feet are where they would be."""
+    stiff, springy = (make(name, style=Style(spring=spring)) for spring in (0.3, 1.0))
+    pelvis = INDEX["pelvis"]
+    assert np.ptp(stiff[:, pelvis, 2]) < 0.9 * np.ptp(springy[:, pelvis, 2])
+    if name != "run":  # whose steps are as long as the time for them
+        assert np.allclose(stiff[-1, ANKLES], springy[-1, ANKLES], atol=1e-6)
+
+
 def test_jumps_are_counted() -> None:
     airborne = ~planted(make("jump", count=3)).any(axis=1)
     assert (np.diff(airborne.astype(int)) == 1).sum() == 3

@@ -49,7 +49,7 @@ QUANTITIES: dict[str, Quantity] = {
     "turn": Quantity("net", ("heading",), "rad", "turns that way", most=1.5),
     "turning": Quantity("total", ("heading",), "rad", "turns to and fro"),
     "low": Quantity("reach", ("height",), "m", "lowers the pelvis"),
-    "bounce": Quantity("span", ("height",), "m", "moves the pelvis up and down"),
+    "bounce": Quantity("span", ("height",), "m", "moves the pelvis up and down", 0.4),
     "lean": Quantity("near", ("trunk",), "rad", "bends or turns the trunk that way"),
     "hand": Quantity("near", _HANDS, "m", "moves the hand that way"),
     "other_hand": Quantity("near", _HANDS, "m", "moves the other hand that way", other=True),

@@ -131,4 +131,6 @@ def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
         step_height=around(nominal.step_height, 0.065, 0.10),
         arms=around(nominal.arms, 0.4, 1.4),
         mirrored=float(rng.random() < 0.5),
+        # A run that hardly bounces is still a run, and bent knees are what weak motors cannot hold.
+        spring=around(nominal.spring, 0.2, 1.15),
     )

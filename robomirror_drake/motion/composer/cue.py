@@ -20,6 +20,8 @@ class Style:
         step_height: Lift of the swing foot [m].
         arms: Factor on the swing of the arms.
         mirrored: 1 where left and right are exchanged, if the words leave it open; else 0.
+        spring: Factor on how far the body goes down and up, and how long it flies, in what
+            bounces: hops, runs, skips, leaps, jumping jacks. A jump has to fly.
     """
 
     tempo: float = 1.0
@@ -29,6 +31,7 @@ class Style:
     step_height: float = 0.07
     arms: float = 1.0
     mirrored: float = 0.0
+    spring: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def jumping_jack(score: Score, cue: Cue) -> None:
     rise = 0.035 * min(cue.amplitude, 2.0)
     wide = 0.13 * min(cue.amplitude, 1.6)
     flight, speed = _flight_time(rise)
-    dip, push = -0.09, 0.26 / np.sqrt(cue.tempo)
+    dip, push = -0.09 * cue.style.spring, 0.26 / np.sqrt(cue.tempo)
     t = score.now
     knots: list[Knot] = [(t, 0.0, 0.0, 0.0), (t + 0.5, dip, 0.0, 0.0)]
     t += 0.5
@@ -137,13 +137,14 @@ class Bound:
 
 
 def _bounds(
-    score: Score, bounds: list[Bound], stance: float, lift: float, dip: float, heel: float
+    score: Score, cue: Cue, bounds: list[Bound], stance: float, lift: float, dip: float, heel: float
 ) -> None:
     """Write a gait of single stances with flights between, from rest to rest.
 
     The first footfall is the foot that is pushed off from, where it stands.
     """
-    first = bounds[0].side
+    first, spring = bounds[0].side, cue.style.spring
+    dip, tip_off = dip * spring, TIP_OFF * spring
     t = score.now
     pushing = t + SHIFT
     score.shift_load(1.0 if first == "left" else 0.0, t, pushing)
@@ -152,19 +153,19 @@ def _bounds(
     t = pushing + 0.32 + 0.5 * stance
     speed = 0.0
     for bound in bounds[1:]:
+        standing = bounds[bounds.index(bound) - 1].side
+        hops = bound.side == standing
         speed = 0.5 * GRAVITY * bound.flight
         land = t + bound.flight
-        knots += [(t, TIP_OFF, speed, -GRAVITY), (land, TIP_OFF, -speed, -GRAVITY)]
-        standing = bounds[bounds.index(bound) - 1].side
+        knots += [(t, tip_off, speed, -GRAVITY), (land, tip_off, -speed, -GRAVITY)]
         lifted[standing] = t
-        hops = bound.side == standing
         score.swing(bound.side, bound.to, lifted[bound.side], land,
-                    0.25 * lift if hops else lift, 0.0 if hops else heel)  # fmt: skip
+                    0.25 * spring * lift if hops else lift, 0.0 if hops else heel)  # fmt: skip
         share = 1.0 if bound.side == "left" else 0.0
         if share != score.load:
             score.shift_load(share, t, land)
         t = land + stance
-    knots[-1] = (t - stance, TIP_OFF, -speed, -GRAVITY)
+    knots[-1] = (t - stance, tip_off, -speed, -GRAVITY)
     absorbed = t - stance + 0.36
     knots.append((absorbed, -dip, 0.0, 0.0))
     last = bounds[-1].side
@@ -182,12 +183,13 @@ def hop(score: Score, cue: Cue) -> None:
     count = cue.count or 2
     rise = 0.02 * min(cue.amplitude, 2.5) ** 2
     each = (cue.distance or 0.0) / count
-    flight = _flight_time(rise)[0]
+    # The foot is carried in the flight, if it is to get anywhere.
+    flight = _flight_time(rise)[0] * (1.0 if each else cue.style.spring)
     at = score.feet[cue.side]
     bounds = [Bound(cue.side, at, 0.0)]
     bounds += [Bound(cue.side, ahead(at, each * (i + 1), 0.0), flight) for i in range(count)]
     begin = score.now
-    _bounds(score, bounds, stance=0.42 / np.sqrt(cue.tempo), lift=0.10, dip=0.09, heel=0.1)
+    _bounds(score, cue, bounds, stance=0.42 / np.sqrt(cue.tempo), lift=0.10, dip=0.09, heel=0.1)
     for arm in cue.free_arms:
         score.pulse(f"{arm}_abduction", 0.6, begin, begin + 0.9, score.now)
         score.pulse(f"{arm}_elbow", 0.4, begin, begin + 0.9, score.now)
@@ -197,14 +199,14 @@ def leap(score: Score, cue: Cue) -> None:
     """Bound from one foot to the other, 0.55 m."""
     count = cue.count or 1
     length = cue.distance / count if cue.distance else 0.55 * cue.amplitude**1.5
-    flight = 0.10 + 0.14 * length
+    flight = (0.10 + 0.14 * length) * cue.style.spring
     for _ in range(count):
         lead, push = cue.side, other(cue.side)
         at = score.feet[push]
         across = STANCE_WIDTH * (1.0 if lead == "left" else -1.0)
         bounds = [Bound(push, at, 0.0), Bound(lead, ahead(at, length, across), flight)]
         begin = score.now
-        _bounds(score, bounds, stance=0.3, lift=0.12, dip=0.12, heel=0.3)
+        _bounds(score, cue, bounds, stance=0.3, lift=0.12, dip=0.12, heel=0.3)
         for arm, sign in ((lead, -0.5), (push, 0.9)):
             if arm in cue.free_arms:
                 score.pulse(f"{arm}_flexion", sign * cue.style.arms, begin + 0.4, begin + 1.1,
@@ -220,13 +222,13 @@ def skip(score: Score, cue: Cue) -> None:
     start = score.center()
     bounds, x = [Bound(side, score.feet[side], 0.0)], 0.0
     for _ in range(count):
-        for foot, flight in ((side, 0.09), (other(side), 0.05)):
+        for foot, flight in ((side, 0.09), (other(side), 0.05 * cue.style.spring)):
             x += step * (0.35 if foot == side else 1.3)
             y = half if foot == "left" else -half
             bounds.append(Bound(foot, ahead(start, x, y), flight))
         side = other(side)
     begin = score.now
-    _bounds(score, bounds, stance=0.24 / np.sqrt(cue.tempo), lift=0.15, dip=0.07, heel=0.2)
+    _bounds(score, cue, bounds, stance=0.24 / np.sqrt(cue.tempo), lift=0.15, dip=0.07, heel=0.2)
     for arm in cue.free_arms:
         score.pulse(f"{arm}_elbow", 0.7, begin, begin + 0.8, score.now)
 
@@ -236,6 +238,7 @@ def run(score: Score, cue: Cue) -> None:
     speed = cue.speed or 1.7 * cue.tempo
     stance = float(np.clip(0.36 / np.sqrt(speed), 0.14, 0.34))
     flight = float(np.clip(0.05 + 0.035 * speed, 0.06, 0.20)) * min(cue.amplitude, 1.3)
+    flight *= cue.style.spring
     longest = speed * (stance + flight) * cue.style.step_length
     footfalls = cue.count or 6
     if cue.distance is not None:
@@ -252,7 +255,7 @@ def run(score: Score, cue: Cue) -> None:
         x += length
         bounds.append(Bound(side, ahead(start, x, half if side == "left" else -half), flight))
     begin = score.now
-    _bounds(score, bounds, stance, lift=0.14 + 0.04 * speed, dip=0.07, heel=0.9)
+    _bounds(score, cue, bounds, stance, lift=0.14 + 0.04 * speed, dip=0.07, heel=0.9)
     _pump_arms(score, cue, bounds, begin, stance + flight)
 
 
