@@ -136,7 +136,8 @@ def _describe(
         InputError: It is another one; the message names the first difference.
     """
     texts = "\n".join(prompt.model_dump_json() for prompt in prompts)
-    settings = scenario.model_dump(mode="json", exclude={"command", "seed", "candidates"})
+    unused = {"command", "seed", "candidates", "adaptation"}
+    settings = scenario.model_dump(mode="json", exclude=unused)
     told: dict[str, Any] = {
         "format": 1,
         "options": options.model_dump(mode="json"),
