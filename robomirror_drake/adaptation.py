@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.goals import Goals, Satisfaction, make_goals, measure
@@ -21,8 +19,7 @@ from robomirror_drake.goals.margins import margins
 from robomirror_drake.messages import Array, BoolArray, QualityPrediction, Ranking, RobotReference
 from robomirror_drake.motion.text import parse
 from robomirror_drake.optimization.adapt import Adapted, Goal, adapt
-from robomirror_drake.ppn.features import RECORDED
-from robomirror_drake.ppn.predictor import Judged, Predictor, sampled
+from robomirror_drake.ppn.predictor import Judged, Predictor, sampled, whole
 from robomirror_drake.ranking import rank
 from robomirror_drake.robot import Robot
 
@@ -77,9 +74,8 @@ def foresee(
 
     Shorter ones are held at their end for as long as the longest.
     """
-    step = round(RECORDED / predictor.options.rate)
     count = max(len(reference.time) for reference in references)
-    q, contact = sampled(references, np.arange(0, count + step - 1, step) / RECORDED)
+    q, contact = sampled(references, whole(count, predictor.options.rate))
     return predictor.foresee(q, contact, every=every)
 
 

@@ -107,7 +107,10 @@ def run(
     ] = None,
     weights: Annotated[
         str | None,
-        typer.Option(help="Of the predictor: a name in assets/ppn, or a file of your own."),
+        typer.Option(
+            help="Of what foresees falls beforehand: a name in assets/ppn, or a file of your own. "
+            "Those that look while it moves are adaptation.adapter.predictor of the scenario."
+        ),
     ] = None,
     closed_loop: Annotated[
         bool | None, typer.Option(help="Adapt the motion while it runs, too.")

@@ -89,6 +89,12 @@ def print_study(figures: Figures, console: Console) -> None:
             ", ".join(f"{why.replace('_', ' ')} {n:g}" for why, n in one["causes"].items()),
         )
     console.print(table)
+    if splits := _splits(figures["methods"]):
+        apart = Table("method", *(f"{name} ({n})" for name, n in splits.items()),
+                      title="saved [%], by split of the corpus (commands)")  # fmt: skip
+        for name, one in zip(names, figures["methods"], strict=True):
+            apart.add_row(name, *(share(one["splits"].get(part, {}), "saved") for part in splits))
+        console.print(apart)
     best = figures["best"]
     if best is not None and best["times_random"] is not None:
         low, high = best["times_random_interval"]
@@ -116,7 +122,8 @@ def render_study(study: Study, figures: Figures) -> str:
         methods=_METHODS,
         saved=plot(_saved(methods, names), "saved"),
         causes=plot(_causes(methods, names), "causes"),
-        groups=plot(_groups(methods, names), "groups"),
+        groups=plot(_parts(methods, names, "groups"), "groups"),
+        splits=plot(_parts(methods, names, "splits"), "splits") if _splits(methods) else None,
         sweeps=sweeps,
         rows=_changes(study),
         share=share,
@@ -215,21 +222,27 @@ def _causes(methods: Sequence[Figures], names: Sequence[str]) -> go.Figure:
     return styled(figure, height=170 + 34 * len(own), top=60)
 
 
-def _groups(methods: Sequence[Figures], names: Sequence[str]) -> go.Figure:
-    """Saved commands by group of actions."""
+def _splits(methods: Sequence[Figures]) -> dict[str, int]:
+    """How many commands of each split there are; nothing where all are of one."""
+    found = {split: int(own["commands"]) for one in methods for split, own in one["splits"].items()}
+    return found if len(found) > 1 else {}
+
+
+def _parts(methods: Sequence[Figures], names: Sequence[str], by: str) -> go.Figure:
+    """Saved commands by ``groups`` of actions or ``splits`` of the corpus."""
     figure = go.Figure()
     for name, one in zip(names, methods, strict=True):
-        groups = one["groups"]
-        if not groups:
+        parts = one[by]
+        if not parts:
             continue
-        middle, error = _percentages(list(groups.values()))
+        middle, error = _percentages(list(parts.values()))
         figure.add_bar(
-            x=list(groups),
+            x=[words.replace("_", " ") for words in parts],
             y=middle,
             name=name,
             marker={"color": _COLORS[one["method"]]},
             error_y=error | {"thickness": 1.2},
-            customdata=[own["commands"] for own in groups.values()],
+            customdata=[own["commands"] for own in parts.values()],
             hovertemplate="%{x}: %{y:.0f} % of %{customdata}<extra>%{fullData.name}</extra>",
         )
     figure.update_layout(barmode="group")

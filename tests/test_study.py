@@ -459,6 +459,25 @@ def test_figures_are_those_of_the_rows(found):
     json.dumps(figures, allow_nan=False)
 
 
+def test_splits_are_told_apart(found):
+    def split(row: Row) -> str:
+        return "held_out" if row["command"] % 2 else "test"
+
+    rows = [row | {"split": split(row)} for row in found.results]
+    figures = summarise(found._replace(results=rows))
+    for one in figures["methods"]:
+        own = [r for r in rows if r["method"] == one["method"] and r["set"] == "failing"]
+        for name, part in one["splits"].items():
+            there = [row["saved"] for row in own if row["split"] == name]
+            assert (part["commands"], part["saved"]) == (len(there), pytest.approx(np.mean(there)))
+    assert set(figures["methods"][0]["splits"]) == {"test", "held_out"}
+    said = io.StringIO()
+    print_study(figures, Console(file=said, width=160))
+    assert "by split" in said.getvalue()
+    assert "By split" in render_study(found, figures)
+    assert "By split" not in render_study(found, summarise(found))
+
+
 def test_intervals():
     # Newcombe 1998, table I: 81 of 263, Wilson without continuity correction.
     low, high = share_interval(np.repeat([1.0, 0.0], [81, 182]))

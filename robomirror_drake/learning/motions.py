@@ -14,8 +14,8 @@ from robomirror_drake.learning import metrics
 from robomirror_drake.learning.metrics import Draws, Integers
 from robomirror_drake.learning.windows import executed, take_reference
 from robomirror_drake.messages import Array, BoolArray
-from robomirror_drake.ppn.features import RECORDED
-from robomirror_drake.ppn.predictor import EVERY, Predictor
+from robomirror_drake.ppn.features import rows_at
+from robomirror_drake.ppn.predictor import EVERY, Predictor, whole
 
 
 class Motion(NamedTuple):
@@ -51,10 +51,10 @@ def read_motions(folder: Path, splits: Collection[str]) -> dict[str, list[Motion
 
 def foreseen(predictor: Predictor, motions: Sequence[Motion]) -> Array:
     """(n,) logits of the probability that the robot falls in each motion, begun from rest."""
-    step = round(RECORDED / predictor.options.rate)
     logits = []
     for motion in motions:
-        told = predictor.foresee(motion.q[None, ::step], motion.contact[None, ::step], every=EVERY)
+        rows = rows_at(whole(len(motion.q), predictor.options.rate), len(motion.q))
+        told = predictor.foresee(motion.q[None, rows], motion.contact[None, rows], every=EVERY)
         logits.append(float(logit(told.fall_probability[0])))
     return np.array(logits)
 

@@ -246,6 +246,12 @@ class Predictor:
             )
 
 
+def whole(count: int, rate: float) -> Array:
+    """Times (T,) [s] that show ``count`` rows at 60 Hz to their end, at a rate [Hz]."""
+    step = round(RECORDED / rate)
+    return np.arange(0, count + step - 1, step) / RECORDED
+
+
 def sampled(references: Sequence[RobotReference], time: Array) -> tuple[Array, BoolArray]:
     """Positions (n, T, 30) and contacts (n, T, 2, 4) of references at times (T,) [s].
 

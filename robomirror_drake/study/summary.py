@@ -79,11 +79,8 @@ def of_variant(variant: Variant, rows: Sequence[Row]) -> Figures:
         "look_s": _median(row["look_s"] for row in failing),
         "causes": causes(failing),
         "how": dict(sorted(Counter(row["how"] for row in failing if row["how"]).items())),
-        "groups": {
-            group: {"commands": len(own), **_shares(own)}
-            for group in sorted({row["group"] for row in failing})
-            if (own := [row for row in failing if row["group"] == group])
-        },
+        "groups": _parts(failing, "group"),
+        "splits": _parts(failing, "split"),
         "without_survivor": {"commands": len(lost), **_shares(lost)} if lost else None,
         "succeeding": _succeeding(fine) if fine else None,
     }
@@ -122,6 +119,15 @@ def _bootstrap(values: Array, of: Array) -> list[float]:
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = (weight @ values) / (weight @ of)
     return interval(ratio)
+
+
+def _parts(rows: Sequence[Row], column: str) -> Figures:
+    """Shares of the rows apart by what is in a column."""
+    return {
+        part: {"commands": len(own), **_shares(own)}
+        for part in sorted({row[column] for row in rows})
+        if (own := [row for row in rows if row[column] == part])
+    }
 
 
 def _shares(rows: Sequence[Row]) -> Figures:
