@@ -19,6 +19,7 @@ from robomirror_drake.goals.margins import margins
 from robomirror_drake.messages import Array, BoolArray, QualityPrediction, Ranking, RobotReference
 from robomirror_drake.motion.text import parse
 from robomirror_drake.optimization.adapt import Adapted, Goal, adapt
+from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.predictor import Judged, Predictor, sampled, whole
 from robomirror_drake.ranking import rank
 from robomirror_drake.robot import Robot
@@ -57,7 +58,7 @@ class Adaptation:
 class WholeMotionJudge:
     """A predictor as the optimiser's judge of whole motions."""
 
-    def __init__(self, predictor: Predictor, every: float) -> None:
+    def __init__(self, predictor: Predictor | Ensemble, every: float) -> None:
         self._predictor, self._every = predictor, every
 
     def judge(self, q: Array, contact: BoolArray, history: object = None) -> Judged:
@@ -68,7 +69,7 @@ class WholeMotionJudge:
 
 
 def foresee(
-    predictor: Predictor, references: Sequence[RobotReference], every: float
+    predictor: Predictor | Ensemble, references: Sequence[RobotReference], every: float
 ) -> QualityPrediction:
     """What becomes of whole references from rest: risk and errors over all of their windows.
 
@@ -83,7 +84,7 @@ def adapt_command(
     robot: Robot,
     command: str,
     references: Sequence[RobotReference],
-    predictor: Predictor,
+    predictor: Predictor | Ensemble,
     options: AdaptationOptions | None = None,
 ) -> Adaptation:
     """Chooses among candidates, or changes them, so that the robot can do what it was told.
@@ -151,7 +152,7 @@ def _optimised(
     goals: Goals | None,
     references: Sequence[RobotReference],
     ranking: Ranking,
-    predictor: Predictor,
+    predictor: Predictor | Ensemble,
     options: AdaptationOptions,
 ) -> tuple[int, Adapted] | None:
     """The least changed safe version of the likeliest candidates; None where there is none."""

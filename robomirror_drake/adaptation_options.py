@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from robomirror_drake.handover_options import AdapterOptions
 from robomirror_drake.optimization.adapt_options import AdaptOptions
@@ -16,16 +16,23 @@ Method = Literal["none", "selection", "optimisation", "selection_optimisation"]
 the pool where none is safe."""
 
 
+def _listed(given: object) -> object:
+    """One name is a list of one."""
+    return (given,) if isinstance(given, str) else given
+
+
 class AdaptationOptions(BaseModel):
     """How the robot adapts what it was told to what it can do."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Method = Field("none", description="what may be done")
-    predictor: str = Field(
-        "ppn_1s_commanded",
-        description="weights in assets/ppn, or a path; of whole motions one knows no state but the"
-        " first, and a network that expects to see how a fall begins takes them for safe",
+    predictor: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        ("ppn_1s_commanded", "ppn_3s"),
+        min_length=1,
+        description="weights in assets/ppn, or paths, whose logits are averaged: one, or a list;"
+        " of whole motions one knows no state but the first, and a network that expects to see how"
+        " a fall begins takes them for safe",
     )
     every: float = Field(0.5, gt=0.0, le=10.0, description="between windows that are judged [s]")
     optimised: int = Field(2, ge=1, le=64, description="candidates that are changed, at most")

@@ -19,7 +19,8 @@ from robomirror_drake.messages import HumanMotion, RobotReference
 from robomirror_drake.motion.generate import generate
 from robomirror_drake.motion.language import recognise
 from robomirror_drake.optimization.retarget import retarget_batch
-from robomirror_drake.ppn.predictor import Predictor, load_predictor, sampled
+from robomirror_drake.ppn.ensemble import Ensemble, load_ensemble
+from robomirror_drake.ppn.predictor import load_predictor, sampled
 from robomirror_drake.robot import Robot, load_robot
 
 T = TypeVar("T")
@@ -44,7 +45,7 @@ def run(repeats: int = REPEATS) -> dict[str, Any]:
     """
     robot = load_robot()
     options = AdaptationOptions()
-    predictor = load_predictor(options.predictor, robot)
+    predictor = load_ensemble(options.predictor, robot)
     with threadpool_limits(1):
         rounds = [_round(robot, predictor, options, seed) for seed in range(repeats + 2)][2:]
         pool = _references(robot, _parts(generate(COMMAND, POOL)))
@@ -63,7 +64,7 @@ def run(repeats: int = REPEATS) -> dict[str, Any]:
 
 
 def _round(
-    robot: Robot, predictor: Predictor, options: AdaptationOptions, seed: int
+    robot: Robot, predictor: Ensemble, options: AdaptationOptions, seed: int
 ) -> dict[str, float]:
     """Times of all stages for the candidates of a seed [ms]."""
     recognise.forget()

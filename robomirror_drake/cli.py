@@ -358,8 +358,8 @@ def _run_scenario(given: str | None) -> str:
     from robomirror_drake.config import load_scenario
 
     folder = resources.files("robomirror_drake.assets") / "ppn"
-    weights = load_scenario(ADAPTING).adaptation.predictor
-    there = given or (folder / f"{weights}.safetensors").is_file()
+    used = load_scenario(ADAPTING).adaptation.predictor
+    there = given or all((folder / f"{weights}.safetensors").is_file() for weights in used)
     return ADAPTING if there else "default"
 
 

@@ -29,6 +29,7 @@ from robomirror_drake.messages import (
 from robomirror_drake.motion_measures import compare, told
 from robomirror_drake.optimization.continuation import begun
 from robomirror_drake.optimization.plan import plan_dynamics
+from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.features import RECORDED
 from robomirror_drake.ppn.predictor import History, Predictor
 from robomirror_drake.robot import Robot
@@ -74,7 +75,7 @@ def record_of(
     ]
     return AdaptationRecord(
         method=options.method,
-        weights=options.predictor,
+        weights=" and ".join(options.predictor),
         underway=options.adapter.predictor,
         how=made.how,
         number=numbers[made.candidate],
@@ -126,7 +127,7 @@ def _tasks(
 class Judges(NamedTuple):
     """What foresees falls, of motions that have yet to begin and of those that run."""
 
-    beforehand: Predictor
+    beforehand: Predictor | Ensemble
     underway: Predictor
 
 

@@ -137,10 +137,10 @@ def _add_chooser(builder: DiagramBuilder, robot: Robot, options: AdaptationOptio
             "reference_selector", ReferenceSelector(robot, options.ranking)
         )
     # Here, since it is for the network alone that torch has to be there: seconds, else saved.
-    from robomirror_drake.ppn.predictor import load_predictor
+    from robomirror_drake.ppn.ensemble import load_ensemble
     from robomirror_drake.systems.reference_adapter import ReferenceAdapter
 
-    predictor = load_predictor(options.predictor, robot)
+    predictor = load_ensemble(options.predictor, robot)
     return builder.AddNamedSystem("reference_adapter", ReferenceAdapter(robot, predictor, options))
 
 

@@ -187,19 +187,26 @@ def _adapted(
     )
     from robomirror_drake.differences import physics_warnings
     from robomirror_drake.optimization.continuation import begun
+    from robomirror_drake.ppn.ensemble import load_ensemble
     from robomirror_drake.ppn.predictor import load_predictor
 
     robot = load_robot(scenario.robot)
-    weights = scenario.adaptation.predictor
+    beforehand = load_ensemble(scenario.adaptation.predictor, robot)
     judges = Judges(
-        load_predictor(weights, robot),
+        beforehand,
         load_predictor(scenario.adaptation.adapter.predictor, robot),
     )
     record = record_of(robot, scenario, made, references, motions, None if fell else done)
     handovers = handover_records(ran.handovers)
     record = replace(
         record,
-        warnings=tuple(physics_warnings(judges.beforehand.header, scenario, weights)),
+        warnings=tuple(
+            warning
+            for header, weights in zip(
+                beforehand.headers, scenario.adaptation.predictor, strict=True
+            )
+            for warning in physics_warnings(header, scenario, weights)
+        ),
         handovers=handovers,
         changed=record.changed or any(handover.done for handover in handovers),
     )

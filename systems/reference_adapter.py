@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from robomirror_drake.adaptation import Adaptation, adapt_command
 from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.messages import RobotReference
+from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.ports import expect, expect_some
@@ -30,7 +31,10 @@ class ReferenceAdapter(LeafSystem):
     """
 
     def __init__(
-        self, robot: Robot, predictor: Predictor, options: AdaptationOptions | None = None
+        self,
+        robot: Robot,
+        predictor: Predictor | Ensemble,
+        options: AdaptationOptions | None = None,
     ) -> None:
         """An adapter of references for ``robot``."""
         super().__init__()

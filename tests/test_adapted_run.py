@@ -406,7 +406,7 @@ def test_who_does_what_he_is_told_looks_as_foreseen(predictor, make_execution):
 def test_a_run_has_the_stages_that_it_needs():
     plain = load_scenario("default")
     adapting = cli._adapting(plain, "selection", "mine.safetensors")
-    assert adapting.adaptation.predictor == "mine.safetensors"
+    assert adapting.adaptation.predictor == ("mine.safetensors",)
     assert stages(plain) == ("generate", "retarget", "plan", "simulate")
     assert stages(adapting)[2] == "adapt"
     assert stages(adapting)[-1] == "compare"
@@ -430,7 +430,9 @@ class Foreteller:
 
 @pytest.mark.slow
 def test_a_run_does_the_safe_candidate_and_compares(monkeypatch):
-    monkeypatch.setattr("robomirror_drake.ppn.predictor.load_predictor", lambda *_: Foreteller())
+    for module in ("predictor", "ensemble"):
+        place = f"robomirror_drake.ppn.{module}.load_predictor"
+        monkeypatch.setattr(place, lambda *_: Foreteller())
     scenario = cli._adapting(load_scenario("default"), "selection", None)
     made = run(
         scenario.model_copy(

@@ -26,6 +26,7 @@ from robomirror_drake.config import Scenario
 from robomirror_drake.dataset.prompts import Prompt, read_prompts
 from robomirror_drake.exceptions import ConfigError, InputError
 from robomirror_drake.ppn.body import Body
+from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.features import PAD, reference_frames
 from robomirror_drake.ppn.model import PPN
 from robomirror_drake.ppn.options import PPNOptions
@@ -551,6 +552,7 @@ def by_chance(monkeypatch) -> None:
     torch.manual_seed(0)
     network = PPN(options, frames.as_state(more).flat().shape[-1], frames.flat().shape[-1])
     monkeypatch.setattr(bench, "_predictor", lambda *_: Predictor(network, robot))
+    monkeypatch.setattr(bench, "_ensemble", lambda *_: Ensemble([Predictor(network, robot)]))
 
 
 @pytest.mark.slow

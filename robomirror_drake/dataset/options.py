@@ -58,6 +58,7 @@ class DatasetOptions(BaseModel):
     vigour: Range[NonNegative] = Field(
         (1.0, 1.0), description="of the generator, drawn for each command; see there"
     )
+    slowest: float = Field(0.6, gt=0.1, le=1.0, description="of the generator, see there")
     push_speed: Range[NonNegative] = Field(
         (0.1, 1.2), description="impulse of a push / mass of the robot [m/s]"
     )

@@ -103,7 +103,8 @@ def _references(
     count = job.options.per_prompt
     rng = stream(job.options, job.prompt.text)
     seed, vigour = seed_of(rng), float(rng.uniform(*job.options.vigour))
-    generator = job.scenario.generator.model_copy(update={"vigour": vigour})
+    styles = {"vigour": vigour, "slowest": job.options.slowest}
+    generator = job.scenario.generator.model_copy(update=styles)
     motions: tuple[HumanMotion | None, ...] = (None,) * count
     try:
         with clock.stage("generate"):

@@ -32,6 +32,12 @@ class GeneratorOptions(BaseModel):
         le=2.5,
         description="Factor on tempo and size of what the composer does, on top of the words.",
     )
+    slowest: float = Field(
+        0.6,
+        gt=0.1,
+        le=1.0,
+        description="Least tempo of the composer's candidates, by that of the command's own.",
+    )
     source: SourceOptions = SourceOptions()
 
 
@@ -83,7 +89,8 @@ def check_request(n: int, seed: int) -> None:
 def _candidate(
     text: str, clauses: tuple[Clause, ...], index: int, seed: int, options: GeneratorOptions
 ) -> HumanMotion:
-    style = vigorous(draw_style(seed, index, options.diversity), options.vigour)
+    drawn = draw_style(seed, index, options.diversity, options.slowest)
+    style = vigorous(drawn, options.vigour)
     actions = "+".join(_named(clause, style) for clause in clauses)
     return HumanMotion(
         positions=compose(clauses, style, options.fps),
@@ -110,8 +117,11 @@ def vigorous(style: Style, vigour: float) -> Style:
     )
 
 
-def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
-    """The style of a candidate: nominal for index 0, else drawn for (seed, index)."""
+def draw_style(seed: int, index: int, diversity: float = 1.0, slowest: float = 0.6) -> Style:
+    """The style of a candidate: nominal for index 0, else drawn for (seed, index).
+
+    Its tempo is ``slowest`` at least, of the nominal one.
+    """
     nominal = Style()
     if index == 0 or diversity == 0.0:
         return nominal
@@ -123,7 +133,7 @@ def draw_style(seed: int, index: int, diversity: float = 1.0) -> Style:
 
     # Rather gentler than the nominal style: it is what a robot may be in need of.
     return Style(
-        tempo=around(nominal.tempo, 0.6, 1.22),
+        tempo=around(nominal.tempo, slowest, 1.22),
         amplitude=around(nominal.amplitude, 0.6, 1.25),
         step_length=around(nominal.step_length, 0.6, 1.15),
         step_width=around(nominal.step_width, 0.18, 0.26),

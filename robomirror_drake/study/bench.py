@@ -20,6 +20,7 @@ from robomirror_drake.motion.generate import generate
 from robomirror_drake.motion.text import parse
 from robomirror_drake.optimization.plan import plan_dynamics
 from robomirror_drake.optimization.retarget import retarget_batch
+from robomirror_drake.ppn.ensemble import Ensemble, load_ensemble
 from robomirror_drake.ppn.predictor import Predictor, load_predictor
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout
@@ -81,9 +82,9 @@ class Bench:
         self._closed: dict[tuple[str, str, str], tuple[Tried, Adapted]] = {}
 
     @property
-    def predictor(self) -> Predictor:
+    def predictor(self) -> Ensemble:
         """What foresees falls of motions that have yet to begin."""
-        return _predictor(self.job.scenario.adaptation.predictor, self.job.scenario.robot)
+        return _ensemble(self.job.scenario.adaptation.predictor, self.job.scenario.robot)
 
     @property
     def own(self) -> RobotReference:
@@ -218,6 +219,11 @@ def digest(reference: RobotReference) -> str:
     """What tells motions apart: their samples."""
     parts = (reference.time, reference.q, reference.contact)
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
+
+
+@lru_cache(maxsize=2)
+def _ensemble(weights: tuple[str, ...], robot: str) -> Ensemble:
+    return load_ensemble(weights, load_robot(robot))
 
 
 @lru_cache(maxsize=2)

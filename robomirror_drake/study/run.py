@@ -248,7 +248,7 @@ def fingerprint(options: StudyOptions, scenario: Scenario) -> str:
     Raises:
         ConfigError: There are no such weights, or they are of another robot.
     """
-    used = [scenario.adaptation.predictor]
+    used = [*scenario.adaptation.predictor]
     if set(options.grid.methods) & set(CLOSED):
         used.append(options.adapter.predictor)
     robot = load_robot(scenario.robot)

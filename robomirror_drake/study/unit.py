@@ -14,7 +14,7 @@ from robomirror_drake.study.methods import outcome, simulated, survivor
 from robomirror_drake.study.options import FORESEEING, Variant, variants
 from robomirror_drake.study.records import Job, Row, about, of_variant
 
-_WARM: set[str] = set()  # weights that this process has adapted with
+_WARM: set[tuple[str, ...]] = set()  # weights that this process has adapted with
 
 
 def screen(job: Job) -> Row:
