@@ -96,6 +96,6 @@ def _mean(told: Sequence[QualityPrediction]) -> QualityPrediction:
     errors = (np.mean([getattr(one, name) for one in told], axis=0) for name in SCORES[1:])
     return QualityPrediction(
         max(one.horizon for one in told),
-        expit(np.mean(logit(sure), axis=0)),
+        np.asarray(expit(np.mean(logit(sure), axis=0))),
         *errors,
     )
