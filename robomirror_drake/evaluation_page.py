@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from robomirror_drake import evaluation_plots as plots
 from robomirror_drake.learning.evaluate import Judgement
 from robomirror_drake.learning.judge import EARLY, UNITS
 from robomirror_drake.learning.metrics import BINS
-from robomirror_drake.learning.train import WEIGHTS
 from robomirror_drake.page import plot, render
 
 
@@ -57,11 +55,11 @@ def print_evaluation(figures: dict[str, Any], console: Console) -> None:
         lambda row: [f"{row['errors'][name]['r2']:.3f}" for name in UNITS],
     )
     for split, name in (("test", "unseen commands"), ("held_out", "held-out families")):
-        told = [row for row in rows if row.get("motions") and row["motions"][split]]
+        told = [row for row in figures["whole_motions"] if row["motions"][split]]
         if told:
             _print(
                 console,
-                f"whole motions before they begin, {name}",
+                f"whole motions before they begin, {name}; told: more than 1 - T_safe",
                 tuple(MOTION_FIGURES),
                 told,
                 lambda row: [write(row["motions"][split]) for write in MOTION_FIGURES.values()],  # noqa: B023
@@ -105,7 +103,8 @@ def _print(
     table = Table("model", "horizon", *map(escape, columns), title=title)
     table.columns[0].no_wrap = True
     for row in rows:
-        table.add_row(row["model"], f"{row['horizon_s']:g} s", *values(row))
+        horizon = "" if row["horizon_s"] is None else f"{row['horizon_s']:g} s"
+        table.add_row(row["model"], horizon, *values(row))
     console.print(table)
 
 
@@ -141,14 +140,7 @@ def render_card(figures: dict[str, Any]) -> str:
         "ppn_card.md",
         figures,
         networks=[row for row in figures["rows"] if "trained_on" in row],
-        weights_name=_weights_name,
     )
-
-
-def _weights_name(path: str) -> str:
-    """What weights are called: a training's folder tells, where all files are named alike."""
-    file = Path(path)
-    return file.parent.name if file.name == WEIGHTS else file.stem
 
 
 def render_evaluation(figures: dict[str, Any], judged: Sequence[Judgement]) -> str:

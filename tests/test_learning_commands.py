@@ -98,6 +98,9 @@ def test_the_table_has_all_rows_and_their_figures(monkeypatch, capsys, data, wei
     assert (full["share"], half["share"], half["trained_on"]["commands_learned"]) == (1.0, 0.5, 8)
     assert full["same_data"]
     assert full["trained_on"]["fingerprint"] == figures["parts"]["0.5"]["fingerprint"] in printed
+    whole = {row["model"]: row["motions"]["test"] for row in figures["whole_motions"]}
+    assert set(MODELS) < set(whole)
+    assert all(0.0 <= told["auroc"] <= 1.0 and told["motions"] == 10 for told in whole.values())
     page, card = files["html"].read_text(), files["md"].read_text()
     assert "NaN" not in files["json"].read_text()
     for words in ("What more data brings", "roc_0_5", "reliability_0_5", "errors_0_5", *MODELS):

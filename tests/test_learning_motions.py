@@ -9,6 +9,7 @@ from scipy.special import expit
 
 from robomirror_drake.learning.calibrate import calibrate
 from robomirror_drake.learning.metrics import Draws, auroc
+from robomirror_drake.learning.motion_baseline import torque_logits
 from robomirror_drake.learning.motions import Motion, foreseen, motion_figures, read_motions
 from robomirror_drake.ppn.model import PPN
 from robomirror_drake.ppn.options import PPNOptions
@@ -45,6 +46,26 @@ def test_choosing_is_worth_what_the_scores_know():
     wrong = motion_figures(motions, np.array([2.0, -2.0, -1.0, 1.0, 3.0]), 0.0, 100, 0)
     assert wrong["chosen_upright"] == 0.5
     assert wrong["auroc"] == pytest.approx(5.0 / 6.0)
+
+
+def test_torques_tell_deep_crouches():
+    """Trees on torques rank motions by how far the knees are bent, whichever leg it is."""
+    rng = np.random.default_rng(0)
+    knees = [7 + ROBOT.joint_names.index(f"{side}_KNEE") for side in ("L", "R")]
+
+    def crouches(count):
+        made = []
+        for command in range(count):
+            bent = rng.uniform(0.2, 1.6)
+            one = motion(command, bent > 0.9)
+            one.q[20:40, knees[command % 2]] = bent
+            made.append(one)
+        return made
+
+    judged = crouches(30)
+    made = torque_logits(ROBOT, crouches(120), crouches(40), [judged, []])
+    assert len(made[1]) == 0
+    assert auroc(made[0], np.array([one.fell for one in judged])) > 0.95
 
 
 def test_bootstrap_of_auroc_is_that_of_repeated_clusters():

@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
+from scipy.special import logit
 from threadpoolctl import threadpool_limits
 
+from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.dataset.folder import description
 from robomirror_drake.dataset.windows import ERRORS
 from robomirror_drake.exceptions import ConfigError
@@ -24,14 +26,20 @@ from robomirror_drake.learning.judge import (
     family_figures,
 )
 from robomirror_drake.learning.metrics import Draws, interval
+from robomirror_drake.learning.motion_baseline import NAME as TORQUES
+from robomirror_drake.learning.motion_baseline import torque_logits
 from robomirror_drake.learning.motions import Motion, foreseen, motion_figures, read_motions
 from robomirror_drake.learning.train import predict
 from robomirror_drake.learning.weights import Weights, load_all
 from robomirror_drake.learning.windows import Integers, Windows, load_windows
+from robomirror_drake.messages import Array
 from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.robot import Robot, load_robot
 
 Report = Callable[[str, int, int | None], None]
+
+_JUDGED = ("test", "held_out")
+_MINDED = -float(logit(AdaptationOptions().ranking.t_safe))  # logit of 1 - T_safe
 
 
 class EvaluateOptions(BaseModel):
@@ -80,7 +88,6 @@ def evaluate(
     torch.set_num_threads(options.threads)
     robot = load_robot(options.robot)
     models = load_all(paths, robot)
-    motions = read_motions(options.data, ("test", "held_out"))
     judged: list[Judgement] = []
     parts: dict[str, Any] = {}
     for horizon, rate in sorted({(m.options.horizon, m.options.rate) for m in models}):
@@ -91,9 +98,6 @@ def evaluate(
             lambda count: report(f"{horizon:g} s: episodes", count, None),  # noqa: B023
         )  # fmt: skip
         made = _judge(own, data, robot, options, report)
-        for number, (model, judgement) in enumerate(zip(own, made, strict=False), start=1):
-            judgement.row["motions"] = _of_motions(model.predictor, motions, options)
-            report(f"{horizon:g} s: whole motions", number, len(own))
         judged += made
         parts[f"{horizon:g}"] = {"fingerprint": data.fingerprint, **_parts(data)}
     figures = {
@@ -101,6 +105,7 @@ def evaluate(
         "data": _told_of(options.data),
         "parts": parts,
         "rows": [judgement.row for judgement in judged],
+        "whole_motions": _whole_motions(models, robot, options, report),
     }
     return figures, judged
 
@@ -155,25 +160,54 @@ def _about(model: Weights, data: Windows) -> dict[str, Any]:
         "share": model.training["share"],
         "seed": model.training["seed"],
         "weights": str(model.path),
+        "name": model.name,
         "parameters": sum(p.numel() for p in model.predictor.network.parameters()),
         "trained_on": model.predictor.header["data"],
         "same_data": model.predictor.header["data"]["fingerprint"] == data.fingerprint,
     }
 
 
+def _whole_motions(
+    models: Sequence[Weights], robot: Robot, options: EvaluateOptions, report: Report
+) -> list[dict[str, Any]]:
+    """Figures of motions that have yet to begin: of each network, of those that adaptation
+    averages, and of the baseline."""
+    splits = ("train", "validation") if options.baselines else ()
+    motions = read_motions(options.data, (*_JUDGED, *splits))
+    rows, found = [], {}
+    for number, model in enumerate(models, start=1):
+        own = [foreseen(model.predictor, motions[split]) for split in _JUDGED]
+        found[model.name] = own
+        rows.append(_of_motions(model.model, model.options.horizon, own, motions, options))
+        report("whole motions", number, len(models))
+    used = AdaptationOptions().predictor
+    if len(used) > 1 and set(used) <= found.keys():
+        mean = [np.mean(part, axis=0) for part in zip(*(found[one] for one in used), strict=True)]
+        words = f"mean of {' and '.join(used)}"
+        rows.append(_of_motions(words, None, mean, motions, options))
+    learned, calibrated = (motions.get(split, []) for split in ("train", "validation"))
+    if all(len({motion.fell for motion in some}) == 2 for some in (learned, calibrated)):
+        own = torque_logits(
+            robot, learned, calibrated, [motions[split] for split in _JUDGED], options.seed
+        )
+        rows.append(_of_motions(TORQUES, None, own, motions, options))
+    return rows
+
+
 def _of_motions(
-    predictor: Predictor, motions: dict[str, list[Motion]], options: EvaluateOptions
+    name: str,
+    horizon: float | None,
+    logits: Sequence[Array],
+    motions: dict[str, list[Motion]],
+    options: EvaluateOptions,
 ) -> dict[str, Any]:
-    """Figures of whole motions that have yet to begin, by split; None where there are none."""
-    told = predictor.header["motions"]
-    falls = told["falls_validation"] / max(told["validation"], 1)
-    threshold = balanced_threshold(falls) if 0.0 < falls < 1.0 else 0.0
-    return {
-        split: motion_figures(
-            own, foreseen(predictor, own), threshold, options.draws, options.seed
-        ) if own else None
-        for split, own in motions.items()
+    """Figures by split; None where there are no motions. Told is what adaptation minds."""
+    told = {
+        split: motion_figures(motions[split], own, _MINDED, options.draws, options.seed)
+        if motions[split] else None
+        for split, own in zip(_JUDGED, logits, strict=True)
     }  # fmt: skip
+    return {"model": name, "horizon_s": horizon, "motions": told}
 
 
 def _row(truths: list[Truth], told: list[Told], draws: list[Draws]) -> dict[str, Any]:

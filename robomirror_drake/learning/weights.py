@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from robomirror_drake import checkpoint
 from robomirror_drake.exceptions import ResultError
-from robomirror_drake.learning.train import CHECKPOINT
+from robomirror_drake.learning.train import CHECKPOINT, WEIGHTS
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.ppn.predictor import Predictor, load_predictor
 from robomirror_drake.robot import Robot
@@ -27,6 +27,11 @@ class Weights(NamedTuple):
     path: Path
     model: str
     predictor: Predictor
+
+    @property
+    def name(self) -> str:
+        """Under which they are packaged, or the folder that they were trained into."""
+        return self.path.parent.name if self.path.name == WEIGHTS else self.path.stem
 
     @property
     def options(self) -> PPNOptions:
