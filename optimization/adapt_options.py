@@ -57,7 +57,11 @@ class AdaptOptions(_Options):
         description="what may change",
     )
     safe: float = Field(0.9, gt=0.0, lt=1.0, description="T_safe: P(fall) is to be 1 - T_safe")
-    margin: float = Field(0.5, ge=0.0, description="kept below that, in the fall logit")
+    margin: float = Field(
+        1.5,
+        ge=0.0,
+        description="kept below that, in the fall logit: an optimiser finds where the judge errs",
+    )
     scales: AdaptScales = AdaptScales()
     bounds: AdaptBounds = AdaptBounds()
     knot_spacing: float = Field(0.2, ge=0.1, le=1.0, description="of the offsets' knots [s]")

@@ -29,7 +29,7 @@ def study(
         str,
         typer.Argument(
             help="A study's YAML, or the name of one in assets/scenarios: table2_quick, table2, "
-            "pool_size, selection_against_optimisation."
+            "pool_size, selection_against_optimisation, closed_loop, falls."
         ),
     ] = "table2_quick",
     limit: Annotated[

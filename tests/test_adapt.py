@@ -59,7 +59,7 @@ def walk() -> RobotReference:
 
 
 def options(**changes: Any) -> AdaptOptions:
-    return AdaptOptions.model_validate({"knot_spacing": 0.25, **changes})
+    return AdaptOptions.model_validate({"knot_spacing": 0.25, "margin": 0.5, **changes})
 
 
 def small(**changes: Any) -> Problem:

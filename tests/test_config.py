@@ -56,5 +56,5 @@ def test_what_is_no_yaml_and_what_is_no_file_is_said(tmp_path):
     file.write_text("a: [1")
     with pytest.raises(ConfigError, match="not YAML"):
         load_scenario(file)
-    with pytest.raises(ConfigError, match="known: default"):
+    with pytest.raises(ConfigError, match="known: closed_loop, default"):
         load_scenario("nonesuch")

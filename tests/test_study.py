@@ -49,7 +49,9 @@ from robomirror_drake.study.summary import share_interval, summarise
 from robomirror_drake.study_page import labels, print_study, render_study
 from robomirror_drake.yaml_file import load_yaml, validate
 
-SHIPPED = ("table2", "table2_quick", "pool_size", "selection_against_optimisation")
+SHIPPED = (
+    "table2", "table2_quick", "pool_size", "selection_against_optimisation", "closed_loop", "falls",
+)  # fmt: skip
 GROUPS = ("locomotion", "dynamic", "expressive")
 PROMPTS = tuple(
     Prompt(text=f"a person does {group} {n}", split="test", group=group)
