@@ -1,9 +1,9 @@
 """From candidate references to the one that the robot takes: choose, and change what none can do.
 
 The command's own motion, the first candidate, is kept where it is safe. Else the safe candidate
-of the best quality is chosen; where there is none, the likeliest ones are changed until they are
-safe (:mod:`robomirror_drake.optimization.adapt`), and the one that is nearest to its command is
-taken.
+of the best quality is chosen, of those that do what the command means; where none is safe by a
+margin, the own motion and the likeliest ones are changed until they are
+(:mod:`robomirror_drake.optimization.adapt`), and the one that is nearest to its command is taken.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
+
+from scipy.special import expit, logit
 
 from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.exceptions import InputError
@@ -119,10 +121,10 @@ def adapt_command(
     if options.method == "none" or ranking.safe[0]:
         return took("kept", 0, f"the command's own motion is kept: P(fall) {risk[0]:.1%}")
     best = next((int(i) for i in ranking.order if _suits(i, ranking, satisfactions)), None)
-    if best is not None:
-        return took("selected", best, f"candidate {best} instead of 0: {ranking.reasons[best]}")
-    if "optimisation" in options.method:
-        found = _optimised(robot, goals, looked, ranking, predictor, options)
+    aimed = expit(logit(1.0 - options.ranking.t_safe) - options.optimiser.margin)
+    sure = best is not None and risk[best] <= aimed
+    if "optimisation" in options.method and not sure:
+        found = _optimised(robot, goals, looked, ranking, satisfactions, predictor, options)
         if found is not None:
             i, changed = found
             done = None if goals is None else measure(robot, goals, changed.reference.q)
@@ -130,6 +132,8 @@ def adapt_command(
                 changed.reference, "optimised", i, float(risk[0]), changed.risk, ranking, goals,
                 done, changed, changed.explanation.sentence,
             )  # fmt: skip
+    if best is not None:
+        return took("selected", best, f"candidate {best} instead of 0: {ranking.reasons[best]}")
     i = int(ranking.best)
     return took("unsafe", i, f"nothing safe was found; {ranking.reasons[i]}")
 
@@ -152,11 +156,20 @@ def _optimised(
     goals: Goals | None,
     references: Sequence[RobotReference],
     ranking: Ranking,
+    satisfactions: Sequence[Satisfaction] | None,
     predictor: Predictor | Ensemble,
     options: AdaptationOptions,
 ) -> tuple[int, Adapted] | None:
-    """The least changed safe version of the likeliest candidates; None where there is none."""
-    likely = [int(i) for i in ranking.order[: options.optimised]]
+    """The least changed safe version of the own motion and the likeliest candidates.
+
+    First come those that do what the command means, which is hard to change into them. None
+    where there is no safe version.
+    """
+    does = (
+        [True] * len(references) if satisfactions is None else [one.done for one in satisfactions]
+    )
+    others = sorted((int(i) for i in ranking.order if i), key=lambda i: not does[i])
+    likely = [0, *others][: options.optimised]
     kept = () if goals is None else margins(robot, goals, predictor.options.rate)
     made = adapt(
         robot,
