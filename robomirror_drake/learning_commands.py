@@ -187,6 +187,9 @@ def evaluate(
         typer.Option(help="Files of weights, or folders that hold some; by default the packaged."),
     ] = None,
     baselines: Annotated[bool, typer.Option(help="Train and judge the baselines too.")] = True,
+    spacing: Annotated[
+        float, typer.Option(help="Between windows of an execution [s]; the trees take their time.")
+    ] = 0.1,
     draws: Annotated[int, typer.Option(help="Of the bootstrap.")] = 2000,
     seed: Annotated[int, typer.Option(help="Of the bootstrap and the baselines.")] = 0,
     threads: Annotated[int, typer.Option(help="Of the processor.")] = 1,
@@ -214,8 +217,8 @@ def evaluate(
     from robomirror_drake.yaml_file import validate
 
     given = {
-        "data": data, "robot": robot, "baselines": baselines, "draws": draws, "seed": seed,
-        "threads": threads,
+        "data": data, "robot": robot, "baselines": baselines, "spacing": spacing,
+        "draws": draws, "seed": seed, "threads": threads,
     }  # fmt: skip
     options = validate(EvaluateOptions, given, "command line")
     with progress_bars() as progress:
