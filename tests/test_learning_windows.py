@@ -134,6 +134,7 @@ def test_mirrored_windows_are_those_of_mirrored_executions(tmp_path, write_execu
     assert torch.equal(both.fall[own], both.fall[plain])
     assert not torch.allclose(inputs(both, own)[0], inputs(both, plain)[0], atol=1e-2)
     assert both.fingerprint == load_windows(folder, ROBOT, OPTIONS, 0.1).fingerprint
+    assert both.fingerprint == load_windows(folder, ROBOT, OPTIONS, 0.3).fingerprint
 
 
 def test_windows_into_which_a_push_falls_are_left_out(tmp_path, write_executions):
