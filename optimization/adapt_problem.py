@@ -133,8 +133,13 @@ class Point(NamedTuple):
 
 
 def fall_ceiling(options: AdaptOptions) -> float:
-    """The fall's logit that is still safe; what is aimed at is the margin below it."""
+    """The fall's logit that is still safe."""
     return float(np.log(1.0 - options.safe) - np.log(options.safe))
+
+
+def fall_aim(options: AdaptOptions) -> float:
+    """The fall's logit that is aimed at: the margin below what is still safe."""
+    return fall_ceiling(options) - options.margin
 
 
 def make_problem(
@@ -172,7 +177,7 @@ def make_problem(
         layout,
         make_limits(robot, legs, command, options),
         tuple(goals),
-        fall_ceiling(options) - options.margin,
+        fall_aim(options),
         _seen(path, options),
     )
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from scipy.special import expit, logit
+from scipy.special import logit
 
 from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.exceptions import InputError
@@ -21,6 +21,7 @@ from robomirror_drake.goals.margins import margins
 from robomirror_drake.messages import Array, BoolArray, QualityPrediction, Ranking, RobotReference
 from robomirror_drake.motion.text import parse
 from robomirror_drake.optimization.adapt import Adapted, Goal, adapt
+from robomirror_drake.optimization.adapt_problem import fall_aim
 from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.predictor import Judged, Predictor, sampled, whole
 from robomirror_drake.ranking import rank
@@ -102,6 +103,8 @@ def adapt_command(
         InputError: There is no candidate.
     """
     options = options or AdaptationOptions()
+    optimiser = options.optimiser.model_copy(update={"safe": options.ranking.t_safe})
+    options = options.model_copy(update={"optimiser": optimiser})
     if not references:
         raise InputError(f"{command!r} has no candidate that the robot can follow")
     goals = goals_of(robot, command, references[0])
@@ -121,8 +124,7 @@ def adapt_command(
     if options.method == "none" or ranking.safe[0]:
         return took("kept", 0, f"the command's own motion is kept: P(fall) {risk[0]:.1%}")
     best = next((int(i) for i in ranking.order if _suits(i, ranking, satisfactions)), None)
-    aimed = expit(logit(1.0 - options.ranking.t_safe) - options.optimiser.margin)
-    sure = best is not None and risk[best] <= aimed
+    sure = best is not None and logit(risk[best]) <= fall_aim(options.optimiser)
     if "optimisation" in options.method and not sure:
         found = _optimised(robot, goals, looked, ranking, satisfactions, predictor, options)
         if found is not None:
@@ -140,7 +142,12 @@ def adapt_command(
 
 def _suits(i: int, ranking: Ranking, satisfactions: Sequence[Satisfaction] | None) -> bool:
     """Whether a candidate is safe and does what the command means."""
-    return bool(ranking.safe[i]) and (satisfactions is None or satisfactions[i].done)
+    return bool(ranking.safe[i]) and _does(i, satisfactions)
+
+
+def _does(i: int, satisfactions: Sequence[Satisfaction] | None) -> bool:
+    """Whether a candidate does what the command means, as far as that is known."""
+    return satisfactions is None or satisfactions[i].done
 
 
 def goals_of(robot: Robot, command: str, own: RobotReference) -> Goals | None:
@@ -165,10 +172,7 @@ def _optimised(
     First come those that do what the command means, which is hard to change into them. None
     where there is no safe version.
     """
-    does = (
-        [True] * len(references) if satisfactions is None else [one.done for one in satisfactions]
-    )
-    others = sorted((int(i) for i in ranking.order if i), key=lambda i: not does[i])
+    others = sorted((int(i) for i in ranking.order if i), key=lambda i: not _does(i, satisfactions))
     likely = [0, *others][: options.optimised]
     kept = () if goals is None else margins(robot, goals, predictor.options.rate)
     made = adapt(
@@ -176,7 +180,7 @@ def _optimised(
         [references[i] for i in likely],
         WholeMotionJudge(predictor, options.every),
         [Goal(name, function) for name, function in kept],
-        options.optimiser.model_copy(update={"safe": options.ranking.t_safe}),
+        options.optimiser,
     )
     safe = [
         (changed.explanation.deviation, i, changed)

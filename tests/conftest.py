@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from scipy.spatial.transform import Rotation
 
 from robomirror_drake.dataset.columns import episodes_table, frame_columns, frames_table
@@ -17,6 +18,11 @@ from robomirror_drake.dataset.shards import Store, encode, write_shard
 from robomirror_drake.messages import Execution, HumanMotion, RobotReference
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.plan_options import PlanOptions
+from robomirror_drake.ppn.body import Body
+from robomirror_drake.ppn.features import PAD, reference_frames
+from robomirror_drake.ppn.model import PPN
+from robomirror_drake.ppn.options import PPNOptions
+from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.robot import load_robot
 
 RATE = 60.0
@@ -132,6 +138,30 @@ def reference() -> RobotReference:
 
 
 Change = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
+
+
+@pytest.fixture(scope="session")
+def make_predictor() -> Callable[..., Predictor]:
+    """Makes a predictor of a small network with weights of chance, by a seed.
+
+    Keyword arguments replace options of the network.
+    """
+
+    def make(seed: int = 0, dtype: torch.dtype = torch.float32, **changes: Any) -> Predictor:
+        robot = load_robot()
+        small = {"horizon": 0.5, "history": 0.1, "width": 8, "heads": 2}
+        layers = {"self_layers": 1, "cross_layers": 1, "dropout": 0.0}
+        options = PPNOptions.model_validate(small | layers | changes)
+        one = torch.from_numpy(np.tile(robot.standing, (1, 1 + 2 * PAD, 1)))
+        bears = torch.ones(1, 1, 2, 4, dtype=torch.float64)
+        body = Body.of(robot)
+        frames = reference_frames(body, one, bears, 1.0 / options.rate)
+        more = 4 + sum(len(leg) for leg in body.legs)
+        torch.manual_seed(seed)
+        sizes = frames.as_state(more).flat().shape[-1], frames.flat().shape[-1]
+        return Predictor(PPN(options, *sizes).to(dtype), robot)
+
+    return make
 
 
 @pytest.fixture(scope="session")

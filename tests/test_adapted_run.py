@@ -10,7 +10,6 @@ from importlib import resources
 
 import numpy as np
 import pytest
-import torch
 import yaml
 from scipy.special import expit
 
@@ -34,9 +33,6 @@ from robomirror_drake.optimization.adapt_explain import Active, Change, Explanat
 from robomirror_drake.outcome import evaluate
 from robomirror_drake.playback import render_playback
 from robomirror_drake.playback_overlay import WIDTH, render_overlay
-from robomirror_drake.ppn.body import Body
-from robomirror_drake.ppn.features import PAD, reference_frames
-from robomirror_drake.ppn.model import PPN
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.report import render_report
@@ -371,18 +367,8 @@ def test_the_prompt_tells_what_was_changed_and_both_ends(result, tmp_path, capsy
 
 
 @pytest.fixture(scope="module")
-def predictor() -> Predictor:
-    """A small network with weights of chance."""
-    options = PPNOptions(
-        horizon=0.5, history=0.1, width=8, heads=2, self_layers=1, cross_layers=1, dropout=0.0
-    )
-    one = torch.from_numpy(np.tile(ROBOT.standing, (1, 1 + 2 * PAD, 1)))
-    bears = torch.ones(1, 1, 2, 4, dtype=torch.float64)
-    frames = reference_frames(Body.of(ROBOT), one, bears, 1.0 / options.rate)
-    more = 4 + sum(len(leg) for leg in Body.of(ROBOT).legs)
-    torch.manual_seed(0)
-    sizes = frames.as_state(more).flat().shape[-1], frames.flat().shape[-1]
-    return Predictor(PPN(options, *sizes), ROBOT)
+def predictor(make_predictor) -> Predictor:
+    return make_predictor()
 
 
 def test_who_does_what_he_is_told_looks_as_foreseen(predictor, make_execution):

@@ -10,35 +10,19 @@ from scipy.special import expit, logit
 from robomirror_drake.adaptation_options import AdaptationOptions
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.messages import RobotReference
-from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.ensemble import Ensemble
-from robomirror_drake.ppn.features import PAD, reference_frames
-from robomirror_drake.ppn.model import PPN
-from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.ppn.predictor import History, Predictor
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()
-SMALL = PPNOptions(
-    horizon=0.5, history=0.1, width=8, heads=2, self_layers=1, cross_layers=1, dropout=0.0
-)
-
-
-def chance(seed: int, **changes: object) -> Predictor:
-    """A small network with weights of chance, in double precision."""
-    options = SMALL.model_copy(update=changes)
-    one = torch.from_numpy(np.tile(ROBOT.standing, (1, 1 + 2 * PAD, 1)))
-    bears = torch.ones(1, 1, 2, 4, dtype=torch.float64)
-    frames = reference_frames(Body.of(ROBOT), one, bears, 1.0 / options.rate)
-    more = 4 + sum(len(leg) for leg in Body.of(ROBOT).legs)
-    torch.manual_seed(seed)
-    sizes = frames.as_state(more).flat().shape[-1], frames.flat().shape[-1]
-    return Predictor(PPN(options, *sizes).double(), ROBOT)
 
 
 @pytest.fixture(scope="module")
-def members() -> list[Predictor]:
-    return [chance(0), chance(1, horizon=1.0, history=0.4)]
+def members(make_predictor) -> list[Predictor]:
+    return [
+        make_predictor(0, torch.float64),
+        make_predictor(1, torch.float64, horizon=1.0, history=0.4),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +87,9 @@ def test_each_sees_as_much_of_the_past_as_it_looks_at(members, motions):
     np.testing.assert_allclose(made.fall_probability, expit(mean), atol=1e-12)
 
 
-def test_other_rates_are_refused(members):
+def test_other_rates_are_refused(members, make_predictor):
     with pytest.raises(ConfigError, match="10 and 20 Hz"):
-        Ensemble([members[0], chance(2, rate=10.0)])
+        Ensemble([members[0], make_predictor(2, rate=10.0, stack=1)])
 
 
 def test_weights_are_named_alone_or_in_a_list():

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import torch
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -25,13 +24,7 @@ from robomirror_drake.cli import app
 from robomirror_drake.config import Scenario
 from robomirror_drake.dataset.prompts import Prompt, read_prompts
 from robomirror_drake.exceptions import ConfigError, InputError
-from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.ensemble import Ensemble
-from robomirror_drake.ppn.features import PAD, reference_frames
-from robomirror_drake.ppn.model import PPN
-from robomirror_drake.ppn.options import PPNOptions
-from robomirror_drake.ppn.predictor import Predictor
-from robomirror_drake.robot import load_robot
 from robomirror_drake.study import bench, run, unit
 from robomirror_drake.study.causes import TRANSITION, cause
 from robomirror_drake.study.choose import choose, order_of
@@ -541,20 +534,11 @@ def test_command_writes_what_it_was_asked_for(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def by_chance(monkeypatch) -> None:
+def by_chance(monkeypatch, make_predictor) -> None:
     """Falls are foreseen by a small network with weights of chance."""
-    robot = load_robot()
-    options = PPNOptions(
-        horizon=0.5, history=0.1, width=8, heads=2, self_layers=1, cross_layers=1, dropout=0.0
-    )
-    one = torch.from_numpy(np.tile(robot.standing, (1, 1 + 2 * PAD, 1)))
-    bears = torch.ones(1, 1, 2, 4, dtype=torch.float64)
-    frames = reference_frames(Body.of(robot), one, bears, 1.0 / options.rate)
-    more = 4 + sum(len(leg) for leg in Body.of(robot).legs)
-    torch.manual_seed(0)
-    network = PPN(options, frames.as_state(more).flat().shape[-1], frames.flat().shape[-1])
-    monkeypatch.setattr(bench, "_predictor", lambda *_: Predictor(network, robot))
-    monkeypatch.setattr(bench, "_ensemble", lambda *_: Ensemble([Predictor(network, robot)]))
+    predictor = make_predictor()
+    monkeypatch.setattr(bench, "_predictor", lambda *_: predictor)
+    monkeypatch.setattr(bench, "_ensemble", lambda *_: Ensemble([predictor]))
 
 
 @pytest.mark.slow

@@ -10,20 +10,19 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from scipy.special import logit
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from robomirror_drake.learning.calibrate import platt
 from robomirror_drake.learning.motions import Motion
 from robomirror_drake.messages import Array
 from robomirror_drake.ppn.body import Body
-from robomirror_drake.ppn.features import PAD, RECORDED, reference_frames, rows_at
+from robomirror_drake.ppn.features import PAD, reference_frames, rows_at
+from robomirror_drake.ppn.predictor import whole
 from robomirror_drake.robot import Robot
 
 NAME = "boosted trees on the largest torques"
 
 _RATE = 20.0  # of a reference that is looked at [Hz]
-_SURE = 1e-6  # probability beyond which trees of some hundred motions cannot be
 
 
 def torque_logits(
@@ -49,7 +48,7 @@ def torque_logits(
 
     def raw(motions: Sequence[Motion]) -> Array:
         seen = np.array([_largest(body, motion) for motion in motions])
-        return np.asarray(logit(np.clip(trees.predict_proba(seen)[:, 1], _SURE, 1.0 - _SURE)))
+        return np.asarray(trees.decision_function(seen))
 
     trees = HistGradientBoostingClassifier(
         max_iter=80, learning_rate=0.05, max_leaf_nodes=8, l2_regularization=1.0, random_state=seed
@@ -66,7 +65,7 @@ def torque_logits(
 def _largest(body: Body, motion: Motion) -> Array:
     """(joints of a leg,) largest torque of either leg, per body weight [m]."""
     count = len(motion.q)
-    samples = -(-(count - 1) * int(_RATE) // RECORDED) + 1
+    samples = len(whole(count, _RATE))
     rows = rows_at(np.arange(-PAD, samples + PAD) / _RATE, count)
     q, contact = motion.q[rows], motion.contact[rows[PAD:-PAD]]
     frames = reference_frames(body, torch.from_numpy(q), torch.from_numpy(contact), 1.0 / _RATE)

@@ -9,7 +9,6 @@ estimation using deep ensembles", NeurIPS 2017.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -67,21 +66,14 @@ class Ensemble:
         )
 
     def foresee(
-        self,
-        q: Array,
-        contact: Array | BoolArray,
-        history: None = None,
-        ahead: float = math.inf,
-        every: float = EVERY,
+        self, q: Array, contact: Array | BoolArray, every: float = EVERY
     ) -> QualityPrediction:
         """See :meth:`.Predictor.foresee`; of motions that begin from rest."""
-        return _mean([one.foresee(q, contact, history, ahead, every) for one in self.members])
+        return _mean([one.foresee(q, contact, every=every) for one in self.members])
 
-    def judge(
-        self, q: Array, contact: Array | BoolArray, history: None = None, every: float = EVERY
-    ) -> Judged:
+    def judge(self, q: Array, contact: Array | BoolArray, every: float = EVERY) -> Judged:
         """See :meth:`.Predictor.judge`; of motions that begin from rest."""
-        told = [member.judge(q, contact, history, every) for member in self.members]
+        told = [member.judge(q, contact, every=every) for member in self.members]
         return Judged(*(np.mean(part, axis=0) for part in zip(*told, strict=True)))
 
 
