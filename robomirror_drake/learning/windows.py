@@ -37,7 +37,6 @@ from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.robot import Robot
 from robomirror_drake.tables import rows_in_shape
 
-_COUNTED = 6  # rows of 60 Hz: what has windows so far apart makes the fingerprint
 _LEAST_ERROR = 1e-4  # errors below are alike: the logarithm of nothing is not to be learned
 
 Integers = npt.NDArray[np.int64]
@@ -75,7 +74,7 @@ class Windows:
         pushed: (W,) whether the robot has been pushed before.
         episode: (W,) row of ``episodes``.
         episodes: What the data set says of each.
-        fingerprint: Of the episodes, mirrored ones aside, whatever the spacing.
+        fingerprint: Of the episodes that were read, mirrored ones aside.
     """
 
     states: Tensor
@@ -163,7 +162,7 @@ def load_windows(
     states = references = 0
     for episode in _all_episodes(folder, Mirror(robot) if mirror else None):
         made = _windows(episode, body, options, step, every)
-        if made.pop("counted") and not episode.about["mirrored"]:
+        if not episode.about["mirrored"]:
             digest.update(f"{episode.about['episode']} {episode.about['seed']} ".encode())
         if len(made["now"]):
             made["episode"] = np.full(len(made["now"]), len(episodes))
@@ -262,7 +261,6 @@ def _windows(
     fall = about["fall_time_s"] if about["fell"] else None
     end = min(about["motion_end_s"] + about["hold_s"], about["longest_s"])
     labels = label_windows(track, options.horizon, fall, pushes, end)
-    counted = labels.foreseeable & (labels.start % _COUNTED == 0)
     keep = labels.foreseeable & (labels.start % (step * every) == 0)
     labels = Labels(*(part[keep] for part in labels))
     q, v = (torch.from_numpy(np.ascontiguousarray(x[::step], np.float64)) for x in track[1:3])
@@ -275,7 +273,6 @@ def _windows(
     )
     asked = reference_frames(body, asked_q, contact, step / RECORDED)
     return {
-        "counted": bool(counted.any()),
         "states": state_frames(body, q, v).flat().float(),
         "references": asked.flat().float(),
         "now": labels.start // step,
