@@ -21,18 +21,11 @@ import typer
 from rich.table import Table
 
 from robomirror_drake import __version__
-from robomirror_drake.dataset_commands import app as dataset_app
-from robomirror_drake.exceptions import (
-    InputError,
-    PlanningError,
-    ResultError,
-    RetargetingError,
-    RoboMirrorError,
-)
-from robomirror_drake.generator_commands import app as generator_app
-from robomirror_drake.learning_commands import evaluate, train
-from robomirror_drake.study_commands import study
-from robomirror_drake.terminal import (
+from robomirror_drake.commands.dataset import app as dataset_app
+from robomirror_drake.commands.generator import app as generator_app
+from robomirror_drake.commands.learning import evaluate, train
+from robomirror_drake.commands.study import study
+from robomirror_drake.commands.terminal import (
     JsonOption,
     check_file,
     complain,
@@ -43,6 +36,13 @@ from robomirror_drake.terminal import (
     slug,
     write_json,
     write_text,
+)
+from robomirror_drake.exceptions import (
+    InputError,
+    PlanningError,
+    ResultError,
+    RetargetingError,
+    RoboMirrorError,
 )
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def motions(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", hidden=True)] = None,
 ) -> None:
     """List the actions and the recorded clips that the library knows, or explain a command."""
-    from robomirror_drake import explanation
+    from robomirror_drake.motion import explanation
 
     if file is not None and not as_json:
         raise InputError(f"{file}: say --json before the file to write, or --explain before words")
@@ -214,7 +214,7 @@ def retarget(
 @app.command()
 def play(result: Annotated[Path, typer.Argument(help="A result folder.")]) -> None:
     """Show a saved result in a browser."""
-    from robomirror_drake.playback import play as open_viewer
+    from robomirror_drake.playback.playback import play as open_viewer
     from robomirror_drake.results import load_result
     from robomirror_drake.robot import load_robot
 
@@ -248,8 +248,8 @@ def survey(
 
     Ctrl-C ends it with what is done.
     """
-    from robomirror_drake.survey import survey_rows, survey_tasks
-    from robomirror_drake.survey_report import print_survey, render_survey
+    from robomirror_drake.survey.page import print_survey, render_survey
+    from robomirror_drake.survey.survey import survey_rows, survey_tasks
 
     check_file(json_file)
     check_file(html)
@@ -286,33 +286,33 @@ app.command()(study)
 @bench.command("retarget")
 def bench_retarget(json_file: JsonOption = None) -> None:
     """The retargeter beside mink's per-frame IK, on every clip that keeps to the feet."""
-    from robomirror_drake import bench_retarget
+    from robomirror_drake.bench import retarget
 
-    _measure(bench_retarget, json_file)
+    _measure(retarget, json_file)
 
 
 @bench.command("controller")
 def bench_controller(json_file: JsonOption = None) -> None:
     """The controller's tick by QP solver: assembly and solve, median and 99th percentile."""
-    from robomirror_drake import bench_controller
+    from robomirror_drake.bench import controller
 
-    _measure(bench_controller, json_file)
+    _measure(controller, json_file)
 
 
 @bench.command("plan")
 def bench_plan(json_file: JsonOption = None) -> None:
     """The dynamic planner: whole motions from nothing, and windows of one second that go on."""
-    from robomirror_drake import bench_plan
+    from robomirror_drake.bench import plan
 
-    _measure(bench_plan, json_file)
+    _measure(plan, json_file)
 
 
 @bench.command("adaptation")
 def bench_adaptation(json_file: JsonOption = None) -> None:
     """An adaptation stage by stage, from words to a choice, and what the network takes of it."""
-    from robomirror_drake import bench_adaptation
+    from robomirror_drake.bench import adaptation
 
-    _measure(bench_adaptation, json_file)
+    _measure(adaptation, json_file)
 
 
 @bench.command("pushes")
@@ -323,17 +323,17 @@ def bench_pushes(
     json_file: JsonOption = None,
 ) -> None:
     """How hard a walking robot can be pushed: two sizes, four directions, three instants."""
-    from robomirror_drake import bench_pushes as measure
+    from robomirror_drake.bench import pushes
 
     check_file(json_file)
     with progress_bars() as progress:
         task = progress.add_task("pushing", total=None)
-        figures = measure.run(
+        figures = pushes.run(
             _scenario(scenario, seed=seed),
             jobs=jobs,
             report=lambda done, total: progress.update(task, completed=done, total=total),
         )
-    measure.print_table(figures, out)
+    pushes.print_table(figures, out)
     write_json(json_file, figures)
 
 
@@ -404,8 +404,8 @@ def _run(scenario: Scenario, live: bool, compare: bool) -> Result:
 
 
 def _save(result: Result, folder: Path) -> Path:
-    from robomirror_drake.playback import render_playback
-    from robomirror_drake.report import render_report
+    from robomirror_drake.playback.playback import render_playback
+    from robomirror_drake.report.report import render_report
     from robomirror_drake.results import save_result
     from robomirror_drake.robot import load_robot
 

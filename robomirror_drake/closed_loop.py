@@ -10,7 +10,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from robomirror_drake.handover_options import AdapterOptions
+from robomirror_drake.adaptation.handover_options import AdapterOptions
 from robomirror_drake.messages import Array, Execution, Handover, RobotReference
 from robomirror_drake.ppn.predictor import Predictor
 from robomirror_drake.robot import Robot

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robomirror_drake.adaptation import Adaptation
-from robomirror_drake.adaptation_record import (
+from robomirror_drake.adaptation.command import Adaptation
+from robomirror_drake.adaptation.motion_measures import compare, told
+from robomirror_drake.adaptation.record import (
     AdaptationRecord,
     HandoverRecord,
     Original,
@@ -26,9 +27,8 @@ from robomirror_drake.messages import (
     HumanMotion,
     RobotReference,
 )
-from robomirror_drake.motion_measures import compare, told
-from robomirror_drake.optimization.continuation import begun
-from robomirror_drake.optimization.plan import plan_dynamics
+from robomirror_drake.optimization.adaptation.continuation import begun
+from robomirror_drake.optimization.planning.plan import plan_dynamics
 from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.features import RECORDED
 from robomirror_drake.ppn.predictor import History, Predictor

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.motion.generate import GeneratorOptions
-from robomirror_drake.optimization.plan import PlanOptions
-from robomirror_drake.optimization.retarget import RetargetOptions
+from robomirror_drake.optimization.planning.plan import PlanOptions
+from robomirror_drake.optimization.retargeting.retarget import RetargetOptions
 from robomirror_drake.simulation import SimulationOptions
 from robomirror_drake.yaml_file import load_yaml
 

@@ -14,8 +14,8 @@ import numpy as np
 from robomirror_drake.messages import Array, BoolArray, Execution, RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.optimization.centroidal_motion import CentroidalMotion
-from robomirror_drake.optimization.dynamics_terms import control_model
-from robomirror_drake.optimization.plan_contacts import ConeOptions, outside, wrench_cones
+from robomirror_drake.optimization.control.dynamics_terms import control_model
+from robomirror_drake.optimization.planning.contacts import ConeOptions, outside, wrench_cones
 from robomirror_drake.outcome import LOADED_FORCE, SATURATED
 from robomirror_drake.robot import FEET, Robot
 

@@ -16,7 +16,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.config import Scenario
 from robomirror_drake.messages import HumanMotion, RobotReference
 from robomirror_drake.robot import Robot

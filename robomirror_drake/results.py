@@ -11,7 +11,7 @@
 =====================  ===========================================================
 
 Where the robot could adapt the command, the files of
-:mod:`robomirror_drake.adaptation_record` stand beside these. The columns of the Parquet files
+:mod:`robomirror_drake.adaptation.record` stand beside these. The columns of the Parquet files
 are documented in :mod:`robomirror_drake.tables`, and in the files themselves.
 """
 
@@ -30,7 +30,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from robomirror_drake.adaptation_record import AdaptedRun, read_adaptation, write_adaptation
+from robomirror_drake.adaptation.record import AdaptedRun, read_adaptation, write_adaptation
 from robomirror_drake.exceptions import ResultError
 from robomirror_drake.messages import Execution, HumanMotion, Outcome, RobotReference
 from robomirror_drake.tables import (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 
-from robomirror_drake.adaptation_record import AdaptedRun
+from robomirror_drake.adaptation.record import AdaptedRun
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import InputError, PlanningError, SimulationError
 from robomirror_drake.fall_cause import judge
@@ -19,7 +19,7 @@ from robomirror_drake.messages import Execution, Handover, HumanMotion, RobotRef
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.load import load_motion
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.pipeline import Source, build_pipeline, give_candidates, give_command
 from robomirror_drake.results import Result
 from robomirror_drake.robot import Robot, load_robot
@@ -27,7 +27,7 @@ from robomirror_drake.rollout import execution, set_initial_state, simulate
 from robomirror_drake.yaml_file import to_yaml
 
 if TYPE_CHECKING:
-    from robomirror_drake.adaptation import Adaptation
+    from robomirror_drake.adaptation.command import Adaptation
 
 Stage = Literal["generate", "retarget", "adapt", "plan", "simulate", "compare"]
 STAGES: dict[Stage, str] = {
@@ -186,7 +186,7 @@ def _adapted(
         record_of,
     )
     from robomirror_drake.differences import physics_warnings
-    from robomirror_drake.optimization.continuation import begun
+    from robomirror_drake.optimization.adaptation.continuation import begun
     from robomirror_drake.ppn.ensemble import load_ensemble
     from robomirror_drake.ppn.predictor import load_predictor
 

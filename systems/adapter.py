@@ -16,10 +16,10 @@ from pydrake.systems.framework import (
     State,
 )
 
-from robomirror_drake.handover import Known, decide
-from robomirror_drake.handover_options import AdapterOptions
+from robomirror_drake.adaptation.handover import Known, decide
+from robomirror_drake.adaptation.handover_options import AdapterOptions
 from robomirror_drake.messages import Handover, RobotReference
-from robomirror_drake.optimization.continuation import Course, begun
+from robomirror_drake.optimization.adaptation.continuation import Course, begun
 from robomirror_drake.ppn.predictor import History, Predictor
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.history import RecentStates, check_measured

@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem
 
 from robomirror_drake.messages import RobotReference
-from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
+from robomirror_drake.optimization.planning.plan import PlanOptions, plan_dynamics
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.ports import expect
 

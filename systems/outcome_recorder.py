@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 
 from robomirror_drake.messages import Array
-from robomirror_drake.optimization.whole_body_diagnostics import Diagnostics, names, unpack
+from robomirror_drake.optimization.control.diagnostics import Diagnostics, names, unpack
 from robomirror_drake.outcome import fallen
 from robomirror_drake.robot import Robot
 

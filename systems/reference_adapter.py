@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from robomirror_drake.adaptation import Adaptation, adapt_command
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.command import Adaptation, adapt_command
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.predictor import Predictor

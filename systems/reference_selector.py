@@ -5,11 +5,11 @@ from __future__ import annotations
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
+from robomirror_drake.adaptation.ranking import RankingOptions, rank
 from robomirror_drake.exceptions import PortError, UnknownCommandError
 from robomirror_drake.goals import Satisfaction, make_goals, measure
 from robomirror_drake.messages import QualityPrediction, RobotReference
 from robomirror_drake.motion.text import parse
-from robomirror_drake.ranking import RankingOptions, rank
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.ports import expect, expect_some
 

@@ -7,7 +7,11 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import HumanMotion
-from robomirror_drake.optimization.retarget import Retargeted, RetargetOptions, retarget_batch
+from robomirror_drake.optimization.retargeting.retarget import (
+    Retargeted,
+    RetargetOptions,
+    retarget_batch,
+)
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.ports import expect_some
 

@@ -21,32 +21,32 @@ from pydrake.systems.framework import (
 from robomirror_drake.exceptions import PortError
 from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.centroidal import unit_quaternions
-from robomirror_drake.optimization.dynamics_terms import control_model
-from robomirror_drake.optimization.preview import Preview, PreviewOptions, preview_gains
-from robomirror_drake.optimization.reference_trajectory import (
-    ReferenceTrajectory,
-    reference_trajectory,
-    sample_reference,
-)
-from robomirror_drake.optimization.stance import Stance, initial_stance
-from robomirror_drake.optimization.whole_body_control import (
-    Tick,
-    control_problem,
-    predicted,
-    scratch,
-    solve_with_retry,
-)
-from robomirror_drake.optimization.whole_body_diagnostics import (
+from robomirror_drake.optimization.control.diagnostics import (
     names,
     nothing,
     packed_diagnosis,
     unpack,
 )
-from robomirror_drake.optimization.whole_body_qp import (
+from robomirror_drake.optimization.control.dynamics_terms import control_model
+from robomirror_drake.optimization.control.preview import Preview, PreviewOptions, preview_gains
+from robomirror_drake.optimization.control.qp import (
     WholeBodyOptions,
     acceleration_from,
     torque_from,
     tuning,
+)
+from robomirror_drake.optimization.control.reference_trajectory import (
+    ReferenceTrajectory,
+    reference_trajectory,
+    sample_reference,
+)
+from robomirror_drake.optimization.control.stance import Stance, initial_stance
+from robomirror_drake.optimization.control.tick import (
+    Tick,
+    control_problem,
+    predicted,
+    scratch,
+    solve_with_retry,
 )
 from robomirror_drake.robot import Robot
 from robomirror_drake.systems.ports import expect
@@ -103,7 +103,7 @@ class WholeBodyController(LeafSystem):
 
     Output ports:
         ``torque`` (23): joint torques of the last control tick [N·m].
-        ``diagnostics`` (59): see :class:`.whole_body_diagnostics.Diagnostics`; the
+        ``diagnostics`` (59): see :class:`.control.diagnostics.Diagnostics`; the
             elements' names are in the attribute ``diagnostics_names``.
         ``reference_state`` (59): the reference at the Context's time, Drake order.
 

@@ -17,7 +17,7 @@ from robomirror_drake.dataset.columns import episodes_table, frame_columns, fram
 from robomirror_drake.dataset.shards import Store, encode, write_shard
 from robomirror_drake.messages import Execution, HumanMotion, RobotReference
 from robomirror_drake.optimization import spline
-from robomirror_drake.optimization.plan_options import PlanOptions
+from robomirror_drake.optimization.planning.options import PlanOptions
 from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.features import PAD, reference_frames
 from robomirror_drake.ppn.model import PPN

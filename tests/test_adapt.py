@@ -11,9 +11,9 @@ import pytest
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.adapt import AdaptOptions, Goal, adapt, robot_legs
-from robomirror_drake.optimization.adapt_offline import Functions, solve_ipopt, solve_snopt
-from robomirror_drake.optimization.adapt_problem import (
+from robomirror_drake.optimization.adaptation.adapt import AdaptOptions, Goal, adapt, robot_legs
+from robomirror_drake.optimization.adaptation.offline import Functions, solve_ipopt, solve_snopt
+from robomirror_drake.optimization.adaptation.problem import (
     STEP,
     Problem,
     evaluate,
@@ -21,10 +21,10 @@ from robomirror_drake.optimization.adapt_problem import (
     judged,
     make_problem,
 )
-from robomirror_drake.optimization.adapt_sqp import Start, solve
-from robomirror_drake.optimization.adapt_step import optimality
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.adaptation.sqp import Start, solve
+from robomirror_drake.optimization.adaptation.step import optimality
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

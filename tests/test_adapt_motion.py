@@ -14,14 +14,14 @@ from robomirror_drake.exceptions import InputError, RobotModelError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization import rotations
-from robomirror_drake.optimization.adapt_legs import make_legs, solve_legs
-from robomirror_drake.optimization.adapt_motion import Samples, quaternion_gradient, sample
-from robomirror_drake.optimization.adapt_options import AdaptOptions
-from robomirror_drake.optimization.adapt_path import make_path
-from robomirror_drake.optimization.adapt_rows import families, make_limits, proxy
-from robomirror_drake.optimization.adapt_variables import make_layout
+from robomirror_drake.optimization.adaptation.legs import make_legs, solve_legs
+from robomirror_drake.optimization.adaptation.motion import Samples, quaternion_gradient, sample
+from robomirror_drake.optimization.adaptation.options import AdaptOptions
+from robomirror_drake.optimization.adaptation.path import make_path
+from robomirror_drake.optimization.adaptation.rows import families, make_limits, proxy
+from robomirror_drake.optimization.adaptation.variables import make_layout
 from robomirror_drake.optimization.kinematics import body_poses
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot, rotation_matrix
 
 ROBOT = load_robot()

@@ -14,7 +14,8 @@ import yaml
 from scipy.special import expit
 
 from robomirror_drake import cli
-from robomirror_drake.adaptation_record import (
+from robomirror_drake.adaptation.motion_measures import compare, told
+from robomirror_drake.adaptation.record import (
     AdaptationRecord,
     AdaptedRun,
     HandoverRecord,
@@ -22,26 +23,25 @@ from robomirror_drake.adaptation_record import (
     RankedCandidate,
     Task,
 )
+from robomirror_drake.commands.terminal import print_outcome
 from robomirror_drake.comparison import Judges, foresight
 from robomirror_drake.config import Scenario, load_scenario
 from robomirror_drake.differences import differences, physics_warnings
 from robomirror_drake.exceptions import ConfigError, InputError, ResultError
 from robomirror_drake.learning.train import physics_of
 from robomirror_drake.messages import Execution, Foresight, QualityPrediction, RobotReference
-from robomirror_drake.motion_measures import compare, told
-from robomirror_drake.optimization.adapt_explain import Active, Change, Explanation
+from robomirror_drake.optimization.adaptation.explain import Active, Change, Explanation
 from robomirror_drake.outcome import evaluate
-from robomirror_drake.playback import render_playback
-from robomirror_drake.playback_overlay import WIDTH, render_overlay
+from robomirror_drake.playback.overlay import WIDTH, render_overlay
+from robomirror_drake.playback.playback import render_playback
+from robomirror_drake.playback.scene import BELOW, FRAMES_PER_SECOND, build_scene
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.ppn.predictor import Predictor
-from robomirror_drake.report import render_report
+from robomirror_drake.report.report import render_report
+from robomirror_drake.report.robot_strips import strip
 from robomirror_drake.results import Result, load_result, save_result
 from robomirror_drake.robot import load_robot
-from robomirror_drake.robot_strips import strip
 from robomirror_drake.run import run, stages
-from robomirror_drake.scene import BELOW, FRAMES_PER_SECOND, build_scene
-from robomirror_drake.terminal import print_outcome
 from robomirror_drake.yaml_file import to_yaml, validate
 
 ROBOT = load_robot()

@@ -14,11 +14,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 from scipy.special import expit
 
+from robomirror_drake.adaptation.handover_options import AdapterOptions, Continuation
 from robomirror_drake.closed_loop import rollout_adaptive
 from robomirror_drake.exceptions import ConfigError, PortError
-from robomirror_drake.handover_options import AdapterOptions, Continuation
 from robomirror_drake.messages import Handover, QualityPrediction, RobotReference
-from robomirror_drake.optimization.plan import plan_dynamics
+from robomirror_drake.optimization.planning.plan import plan_dynamics
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.robot import load_robot
 from robomirror_drake.simulation import SimulationOptions

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from robomirror_drake import bench_controller
-from robomirror_drake.bench_controller import Ticks, print_table
-from robomirror_drake.bench_peer import PYTHON, peer_ticks
+from robomirror_drake.bench import controller
+from robomirror_drake.bench.controller import Ticks, print_table
+from robomirror_drake.bench.peer import PYTHON, peer_ticks
 from robomirror_drake.exceptions import BenchError
 from robomirror_drake.messages import Execution, RobotReference
 from robomirror_drake.robot import Robot, load_robot
@@ -40,7 +40,7 @@ def reference(robot) -> RobotReference:
 
 @pytest.fixture(scope="module")
 def ours(robot, reference, standing) -> Ticks:
-    return bench_controller._ticks(robot, reference, standing, "daqp")
+    return controller._ticks(robot, reference, standing, "daqp")
 
 
 def test_ticks_are_timed_and_solved(ours) -> None:
@@ -76,7 +76,7 @@ def test_a_failing_peer_is_said_clearly(robot, reference, standing, ours, tmp_pa
 
 @pytest.mark.parametrize("peer", [True, False])
 def test_table_shows_the_ratio_or_why_there_is_none(ours, peer) -> None:
-    row = bench_controller._figures("daqp", ours, ours) | {"real_time_factor": 1.5}
+    row = controller._figures("daqp", ours, ours) | {"real_time_factor": 1.5}
     figures = {
         "command": "walk",
         "ticks": 12,

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from robomirror_drake import bench_retarget
+from robomirror_drake.bench import retarget
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.retarget import RetargetOptions, scale_motion
+from robomirror_drake.optimization.retargeting.retarget import RetargetOptions, scale_motion
 from robomirror_drake.robot import load_robot
 
 
 def test_rows_and_figures(monkeypatch):
     pytest.importorskip("mink")
-    monkeypatch.setattr(bench_retarget, "REPEATS", 1)
-    figures = bench_retarget.run(["turn_right1"])
+    monkeypatch.setattr(retarget, "REPEATS", 1)
+    figures = retarget.run(["turn_right1"])
     ours, mink = figures["rows"]
     assert (ours["method"], mink["method"]) == ("ours", "mink")
     assert mink["keypoint_cm"] < 1.0, "mink did not reach its keypoints: no fair comparison"
@@ -26,14 +26,14 @@ def test_rows_and_figures(monkeypatch):
     for name in ("window_1s_cold_ms", "window_1s_warm_ms", "pool_8x1s_ms"):
         assert figures[name] > 0.0
     console = Console(width=160, record=True)
-    bench_retarget.print_table(figures, console)
+    retarget.print_table(figures, console)
     assert "turn_right1" in console.export_text()
 
 
 def test_mujoco_model_is_the_same_robot():
     mujoco = pytest.importorskip("mujoco")
     robot = load_robot()
-    model = bench_retarget.mujoco_model(robot, mujoco)
+    model = retarget.mujoco_model(robot, mujoco)
     assert model.nq == robot.model.nq
     assert float(np.sum(model.body_mass)) == pytest.approx(robot.mass, rel=1e-6)
     data = mujoco.MjData(model)
@@ -48,4 +48,4 @@ def test_mujoco_model_is_the_same_robot():
 def test_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "mink", None)
     with pytest.raises(InputError, match=r"robomirror_drake\[bench\]"):
-        bench_retarget.run(["walk"])
+        retarget.run(["walk"])

@@ -6,27 +6,25 @@ import numpy as np
 import pytest
 
 from robomirror_drake.messages import Array, BoolArray
-from robomirror_drake.optimization.dynamics_terms import (
-    ControlModel,
-    DynamicsTerms,
-    TaskMotion,
-    control_model,
-)
-from robomirror_drake.optimization.stance import Stance, initial_stance
-from robomirror_drake.optimization.task_kernels import task_rows
-from robomirror_drake.optimization.whole_body_collision import ApartRows
-from robomirror_drake.optimization.whole_body_diagnostics import (
+from robomirror_drake.optimization.control.collision import ApartRows
+from robomirror_drake.optimization.control.diagnostics import (
     ACTIVE,
     LEAST_FORCE,
     Diagnostics,
     packed_diagnosis,
     unpack,
 )
-from robomirror_drake.optimization.whole_body_kernels import (
+from robomirror_drake.optimization.control.dynamics_terms import (
+    ControlModel,
+    DynamicsTerms,
+    TaskMotion,
+    control_model,
+)
+from robomirror_drake.optimization.control.kernels import (
     FORCE_UNIT,
     contact_generators,
 )
-from robomirror_drake.optimization.whole_body_qp import (
+from robomirror_drake.optimization.control.qp import (
     QP,
     Solution,
     Targets,
@@ -36,6 +34,8 @@ from robomirror_drake.optimization.whole_body_qp import (
     torque_from,
     tuning,
 )
+from robomirror_drake.optimization.control.stance import Stance, initial_stance
+from robomirror_drake.optimization.control.task_kernels import task_rows
 from robomirror_drake.robot import load_robot
 
 FRICTION = 0.5

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from robomirror_drake.optimization.centroidal import GRAVITY
-from robomirror_drake.optimization.dynamics_terms import TaskMotion
-from robomirror_drake.optimization.preview import Preview, steered
-from robomirror_drake.optimization.reference_trajectory import (
+from robomirror_drake.optimization.control.dynamics_terms import TaskMotion
+from robomirror_drake.optimization.control.preview import Preview, steered
+from robomirror_drake.optimization.control.reference_trajectory import (
     LEAST_SHARE,
     ReferenceSample,
     ReferenceTrajectory,
     sample_reference,
 )
-from robomirror_drake.optimization.stance import (
+from robomirror_drake.optimization.control.stance import (
     DESCENT,
     EARLY,
     FARTHEST,
@@ -28,7 +28,7 @@ from robomirror_drake.optimization.stance import (
     shifted,
     update_stance,
 )
-from robomirror_drake.optimization.step_adjustment import StepOptions, adjusted_steps
+from robomirror_drake.optimization.control.step_adjustment import StepOptions, adjusted_steps
 
 PERIOD, RAMP = 0.004, 0.03
 CORNERS = np.array([[[0.13, 0.04, 0], [0.13, -0.04, 0], [-0.06, -0.04, 0], [-0.06, 0.04, 0]]] * 2)

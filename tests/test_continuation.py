@@ -10,7 +10,7 @@ import pytest
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.continuation import (
+from robomirror_drake.optimization.adaptation.continuation import (
     Change,
     Course,
     begun,
@@ -20,8 +20,8 @@ from robomirror_drake.optimization.continuation import (
     remainder,
     stopped,
 )
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

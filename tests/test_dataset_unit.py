@@ -18,7 +18,7 @@ from robomirror_drake.dataset.unit import failed, make
 from robomirror_drake.dataset.windows import ERRORS, Track, label_windows
 from robomirror_drake.disturbance import DisturbanceOptions
 from robomirror_drake.exceptions import PlanningError
-from robomirror_drake.optimization.plan import plan_dynamics
+from robomirror_drake.optimization.planning.plan import plan_dynamics
 from robomirror_drake.rollout import rollout
 from robomirror_drake.tables import rows_in_shape
 

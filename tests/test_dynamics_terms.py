@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from robomirror_drake.messages import Array
-from robomirror_drake.optimization.dynamics_terms import (
+from robomirror_drake.optimization.control.dynamics_terms import (
     ControlModel,
     control_model,
     dynamics_terms,

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.special import expit, logit
 
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.ppn.ensemble import Ensemble

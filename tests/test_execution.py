@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.outcome import evaluate
 from robomirror_drake.robot import load_robot
 from robomirror_drake.rollout import rollout

@@ -15,8 +15,8 @@ from robomirror_drake.fall_signs import Sign
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.outcome import evaluate
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout

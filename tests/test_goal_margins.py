@@ -11,7 +11,7 @@ from robomirror_drake.goals import Goals, make_goals, margins, measure
 from robomirror_drake.messages import Array
 from robomirror_drake.motion.generate import generate
 from robomirror_drake.motion.text import parse
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

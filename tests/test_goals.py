@@ -20,7 +20,7 @@ from robomirror_drake.motion.composer.cue import Style
 from robomirror_drake.motion.generate import generate
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.text import Clause, parse
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

@@ -19,47 +19,24 @@ PACKAGE = ROOT / "robomirror_drake"
 # Lowest first: a module may import from its own layer and from those below it.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("messages", "exceptions", "assets"),
-    ("yaml_file", "checkpoint"),
+    ("yaml_file", "checkpoint", "tables"),
     ("robot_spec", "urdf", "robot", "optimization", "motion", "outcome", "ppn"),
-    ("explanation",),
     ("disturbance",),
     ("disturbance_draw",),
     ("goals",),
-    ("ranking",),
-    ("adaptation", "adaptation_options", "handover_options"),
-    ("handover",),
+    ("adaptation",),
     ("systems", "plant"),
     ("simulation", "fall_signs"),
     ("config", "fall_cause"),
-    ("pipeline",),
-    ("tables", "stick_figures"),
-    ("rollout", "adaptation_record", "motion_measures"),
-    ("results", "closed_loop", "comparison", "differences"),
-    ("run", "figures", "scene", "robot_strips"),
-    ("adaptation_figures",),
+    ("pipeline", "rollout"),
+    ("closed_loop", "comparison", "differences", "results"),
+    ("report", "playback"),
+    ("run",),
     ("dataset",),
     ("learning",),
     ("study",),
-    ("bench_peer", "bench_tsid"),
-    (
-        "commands",
-        "bench_retarget",
-        "bench_controller",
-        "bench_plan",
-        "bench_adaptation",
-        "bench_pushes",
-        "survey",
-        "survey_styles",
-        "measure",
-        "motion_strips",
-        "evaluation_plots",
-        "page",
-    ),
-    ("adaptation_report", "playback_overlay"),
-    ("report", "playback", "terminal", "survey_report", "measure_page", "evaluation_page"),
-    ("study_page",),
-    ("generator_commands",),
-    ("dataset_commands", "learning_commands", "study_commands"),
+    ("bench", "survey", "measure"),
+    ("commands",),
     ("cli",),
     ("__main__",),
 )
@@ -68,8 +45,7 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 def _modules() -> dict[str, Path]:
     """Dotted name below the package -> file, for every module of the package."""
-    folders = [PACKAGE] + [PACKAGE / name for name in ("motion", "ppn", "learning")]
-    folders += [ROOT / name for name in ("systems", "optimization")]
+    folders = [PACKAGE, ROOT / "systems", ROOT / "optimization"]
     files = {path for folder in folders for path in folder.rglob("*.py")}
     return {".".join(path.relative_to(_home(path)).with_suffix("").parts): path for path in files}
 

@@ -12,9 +12,9 @@ import yaml
 
 from robomirror_drake import cli
 from robomirror_drake.dataset.printing import plain
-from robomirror_drake.evaluation_page import render_card, render_evaluation
 from robomirror_drake.learning.evaluate import EvaluateOptions, evaluate
 from robomirror_drake.learning.judge import UNITS
+from robomirror_drake.learning.page import render_card, render_evaluation
 
 NETWORK = {
     "horizon": 0.5, "history": 0.1, "width": 16, "heads": 2, "self_layers": 1, "cross_layers": 1,

@@ -12,11 +12,17 @@ from typer.testing import CliRunner
 
 from robomirror_drake.cli import app
 from robomirror_drake.exceptions import ConfigError, InputError
-from robomirror_drake.measure import MeasureOptions, make_pools, measure, quality, sheet_texts
+from robomirror_drake.measure.measure import (
+    MeasureOptions,
+    make_pools,
+    measure,
+    quality,
+    sheet_texts,
+)
 from robomirror_drake.messages import HumanMotion
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.motion.text import parse
-from robomirror_drake.motion_strips import MOMENTS, strip
+from robomirror_drake.report.motion_strips import MOMENTS, strip
 
 ROWS = """
 - [a person bows, bow]

@@ -13,20 +13,20 @@ from robomirror_drake.exceptions import PlanningError, PortError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization import centroidal, spline
 from robomirror_drake.optimization.contact_schedule import runs
-from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
-from robomirror_drake.optimization.plan_contacts import (
+from robomirror_drake.optimization.planning.contacts import (
     ConeOptions,
     hull_edges,
     outside,
     wrench_cones,
 )
-from robomirror_drake.optimization.plan_forces import share_wrench
-from robomirror_drake.optimization.plan_penalty import Penalty, Rows, bound_terms
-from robomirror_drake.optimization.plan_problem import GROUPS, Problem, at_rest
-from robomirror_drake.optimization.plan_schedule import loaded_corners
-from robomirror_drake.optimization.plan_setup import Knots, first_guess, pad, problem
-from robomirror_drake.optimization.plan_solver import anchored, shared
-from robomirror_drake.optimization.plan_step import StepModel
+from robomirror_drake.optimization.planning.forces import share_wrench
+from robomirror_drake.optimization.planning.penalty import Penalty, Rows, bound_terms
+from robomirror_drake.optimization.planning.plan import PlanOptions, plan_dynamics
+from robomirror_drake.optimization.planning.problem import GROUPS, Problem, at_rest
+from robomirror_drake.optimization.planning.schedule import loaded_corners
+from robomirror_drake.optimization.planning.setup import Knots, first_guess, pad, problem
+from robomirror_drake.optimization.planning.solver import anchored, shared
+from robomirror_drake.optimization.planning.step import StepModel
 from robomirror_drake.robot import load_robot
 from robomirror_drake.systems.dynamic_planner import DynamicPlanner
 

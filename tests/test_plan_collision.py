@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from robomirror_drake.optimization import centroidal, kinematics
-from robomirror_drake.optimization.plan_collision import gap_jacobians, gaps
-from robomirror_drake.optimization.plan_frames import Frames
+from robomirror_drake.optimization.planning.collision import gap_jacobians, gaps
+from robomirror_drake.optimization.planning.frames import Frames
 from robomirror_drake.robot import load_robot, rotation_matrix
 
 ROBOT = load_robot()

@@ -11,11 +11,11 @@ from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization import centroidal
 from robomirror_drake.optimization.contact_schedule import runs
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.plan_contacts import anchors, hull_edges
-from robomirror_drake.optimization.plan_schedule import loaded_corners, standing_end, steady
-from robomirror_drake.optimization.retarget import retarget
-from robomirror_drake.optimization.retarget_footholds import heading
+from robomirror_drake.optimization.planning.contacts import anchors, hull_edges
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.planning.schedule import loaded_corners, standing_end, steady
+from robomirror_drake.optimization.retargeting.footholds import heading
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

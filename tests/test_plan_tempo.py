@@ -12,9 +12,9 @@ from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization import centroidal
-from robomirror_drake.optimization.plan import PlanOptions, plan_dynamics
-from robomirror_drake.optimization.plan_tempo import chart_acceleration, chart_rate, slowed
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.planning.plan import PlanOptions, plan_dynamics
+from robomirror_drake.optimization.planning.tempo import chart_acceleration, chart_rate, slowed
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

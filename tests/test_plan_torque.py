@@ -9,10 +9,10 @@ from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization import centroidal
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.plan_contacts import ConeOptions
-from robomirror_drake.optimization.plan_torque import Split, joint_torques, split_of
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.planning.contacts import ConeOptions
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.planning.torque import Split, joint_torques, split_of
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

@@ -10,9 +10,9 @@ import pytest
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.plan_window import PlannedWindow, State, Warm, plan_window
-from robomirror_drake.optimization.retarget import retarget
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.planning.window import PlannedWindow, State, Warm, plan_window
+from robomirror_drake.optimization.retargeting.retarget import retarget
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

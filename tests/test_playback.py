@@ -13,10 +13,10 @@ import pytest
 from robomirror_drake.messages import HumanMotion
 from robomirror_drake.motion.skeleton import INDEX, PARENTS
 from robomirror_drake.outcome import evaluate
-from robomirror_drake.playback import play, render_playback
+from robomirror_drake.playback.playback import play, render_playback
+from robomirror_drake.playback.scene import HUMAN_OFFSET, build_scene, human_bodies, robot_bodies
 from robomirror_drake.results import Result
 from robomirror_drake.robot import load_robot, rotation_matrix
-from robomirror_drake.scene import HUMAN_OFFSET, build_scene, human_bodies, robot_bodies
 
 
 @pytest.fixture

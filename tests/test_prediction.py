@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from robomirror_drake.optimization.dynamics_terms import control_model
-from robomirror_drake.optimization.whole_body_control import predicted
+from robomirror_drake.optimization.control.dynamics_terms import control_model
+from robomirror_drake.optimization.control.tick import predicted
 from robomirror_drake.robot import load_robot
 
 ROBOT = load_robot()

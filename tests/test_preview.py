@@ -12,9 +12,8 @@ from scipy.linalg import solve_discrete_are
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.optimization.centroidal import GRAVITY
 from robomirror_drake.optimization.centroidal_motion import centroidal_motion
-from robomirror_drake.optimization.dynamics_terms import control_model, memory, task_motion
-from robomirror_drake.optimization.plan_contacts import ConeOptions, wrench_cones
-from robomirror_drake.optimization.preview import (
+from robomirror_drake.optimization.control.dynamics_terms import control_model, memory, task_motion
+from robomirror_drake.optimization.control.preview import (
     Preview,
     PreviewOptions,
     centroidal_model,
@@ -23,6 +22,7 @@ from robomirror_drake.optimization.preview import (
     steered,
     wrench_cost,
 )
+from robomirror_drake.optimization.planning.contacts import ConeOptions, wrench_cones
 from robomirror_drake.robot import Robot, load_robot
 
 STEP, FRICTION, OPTIONS = 1.0 / 60.0, 0.5, PreviewOptions()

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from robomirror_drake.adaptation.ranking import RankingOptions, rank
 from robomirror_drake.goals import Satisfaction
 from robomirror_drake.messages import DIMENSIONS, QualityPrediction, Ranking
-from robomirror_drake.ranking import RankingOptions, rank
 
 GOOD = {"self_penetration": 0.0, "penetration": 0.0, "keypoint_error": 0.01, "stance_drift": 0.001}
 ERRORS = ("A_q", "A_qd", "A_qdd", "A_p", "A_theta")

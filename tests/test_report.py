@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from robomirror_drake.figures import limbs
 from robomirror_drake.outcome import evaluate
-from robomirror_drake.report import render_report
+from robomirror_drake.report.figures import limbs
+from robomirror_drake.report.report import render_report
 from robomirror_drake.results import Result
 from robomirror_drake.robot import load_robot
 

@@ -11,7 +11,13 @@ from robomirror_drake.messages import HumanMotion
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization.contact_schedule import runs
-from robomirror_drake.optimization.retarget import (
+from robomirror_drake.optimization.retargeting.footholds import (
+    TURNS,
+    footholds,
+    heading,
+    let_go,
+)
+from robomirror_drake.optimization.retargeting.retarget import (
     Retargeted,
     RetargetOptions,
     Warm,
@@ -21,12 +27,6 @@ from robomirror_drake.optimization.retarget import (
     retarget_window,
     scale_motion,
     window_of,
-)
-from robomirror_drake.optimization.retarget_footholds import (
-    TURNS,
-    footholds,
-    heading,
-    let_go,
 )
 from robomirror_drake.robot import load_robot
 

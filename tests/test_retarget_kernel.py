@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robomirror_drake.optimization import kinematics, retarget_kernel
+from robomirror_drake.optimization import kinematics
+from robomirror_drake.optimization.retargeting import kernel
 from robomirror_drake.robot import FEET, load_robot
 
 FRAMES = 4
@@ -23,7 +24,7 @@ def terms(rng):
     points = kinematics.make_points(robot, [(k.link, k.point) for k in spec.keypoints.values()])
     soles = [(spec.feet[f].link, corner) for f in FEET for corner in spec.feet[f].corners]
     directions = kinematics.Points(np.array([0, 15, 6, 12]), rng.normal(size=(4, 3)))
-    return retarget_kernel.Terms(
+    return kernel.Terms(
         tree=kinematics.make_tree(robot),
         reference=Rotation.random(FRAMES, rng).as_matrix(),
         points=points,
@@ -45,7 +46,7 @@ def terms(rng):
 @pytest.fixture(scope="module")
 def multipliers(terms, rng):
     pairs = len(terms.capsules.pairs)
-    return retarget_kernel.Multipliers(
+    return kernel.Multipliers(
         stance=rng.normal(size=(FRAMES, 8, 3)),
         floor=rng.uniform(size=(FRAMES, 8)),
         collision=rng.uniform(size=(FRAMES, pairs)),
@@ -61,8 +62,8 @@ def x(rng):
 
 
 def test_cost_and_normal_equations_agree(terms, multipliers, x):
-    costs, *_ = retarget_kernel.normal_equations(terms, multipliers, x)
-    assert retarget_kernel.cost(terms, multipliers, x)[1] == pytest.approx(costs.sum(), rel=1e-14)
+    costs, *_ = kernel.normal_equations(terms, multipliers, x)
+    assert kernel.cost(terms, multipliers, x)[1] == pytest.approx(costs.sum(), rel=1e-14)
     for t in range(FRAMES):
         one = terms._replace(
             **{
@@ -76,11 +77,11 @@ def test_cost_and_normal_equations_agree(terms, multipliers, x):
         mine = multipliers._replace(
             **{name: getattr(multipliers, name)[t : t + 1] for name in multipliers._fields[:3]}
         )
-        assert retarget_kernel.cost(one, mine, x[t : t + 1])[1] == pytest.approx(costs[t])
+        assert kernel.cost(one, mine, x[t : t + 1])[1] == pytest.approx(costs[t])
 
 
 def test_gradient(terms, multipliers, x):
-    *_, residuals, gradient, _ = retarget_kernel.normal_equations(terms, multipliers, x)
+    *_, residuals, gradient, _ = kernel.normal_equations(terms, multipliers, x)
     assert (residuals.distance < 0.0).any(), "no capsules meet: the test would miss a term"
     step = 1e-6
     for t, i in np.ndindex(x.shape):
@@ -88,8 +89,7 @@ def test_gradient(terms, multipliers, x):
         ahead[t, i] += step
         behind[t, i] -= step
         difference = (
-            retarget_kernel.cost(terms, multipliers, ahead)[1]
-            - retarget_kernel.cost(terms, multipliers, behind)[1]
+            kernel.cost(terms, multipliers, ahead)[1] - kernel.cost(terms, multipliers, behind)[1]
         ) / (2 * step)
         assert gradient[t, i] == pytest.approx(difference, abs=2e-6 * np.abs(gradient).max())
 
@@ -102,7 +102,7 @@ def test_hessian_of_points_is_the_sum_of_their_jacobians_squares(terms, multipli
         margin=-1.0,
         standing=np.ones_like(terms.standing),
     )
-    *_, hessian = retarget_kernel.normal_equations(only_points, multipliers, x)
+    *_, hessian = kernel.normal_equations(only_points, multipliers, x)
 
     def stacked(y):
         poses = kinematics.body_poses(terms.tree, terms.reference, y)
@@ -120,6 +120,6 @@ def test_hessian_of_points_is_the_sum_of_their_jacobians_squares(terms, multipli
 
 
 def test_hessian_is_symmetric_and_positive(terms, multipliers, x):
-    *_, hessian = retarget_kernel.normal_equations(terms, multipliers, x)
+    *_, hessian = kernel.normal_equations(terms, multipliers, x)
     np.testing.assert_array_equal(hessian, hessian.transpose(0, 2, 1))
     assert np.linalg.eigvalsh(hessian).min() > -1e-9

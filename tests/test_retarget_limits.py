@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robomirror_drake.optimization.retarget_limits import Limits, excess, project
+from robomirror_drake.optimization.retargeting.limits import Limits, excess, project
 
 LIMITS = Limits(
     lower=np.array([-1.0, -0.5]),

@@ -5,16 +5,16 @@ import pytest
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.retarget import (
+from robomirror_drake.optimization.retargeting.kernel import DEADBAND
+from robomirror_drake.optimization.retargeting.limits import excess
+from robomirror_drake.optimization.retargeting.reference import solve_reference
+from robomirror_drake.optimization.retargeting.retarget import (
     RetargetOptions,
     retarget_window,
     scale_motion,
     window_of,
 )
-from robomirror_drake.optimization.retarget_kernel import DEADBAND
-from robomirror_drake.optimization.retarget_limits import excess
-from robomirror_drake.optimization.retarget_reference import solve_reference
-from robomirror_drake.optimization.retarget_solver import objective
+from robomirror_drake.optimization.retargeting.solver import objective
 from robomirror_drake.robot import load_robot
 
 OPTIONS = RetargetOptions(tolerance=6e-4, flatness=1e-3, iterations=60)

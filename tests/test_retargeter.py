@@ -9,8 +9,8 @@ from pydrake.common.value import Value
 from robomirror_drake.exceptions import PortError, RetargetingError
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization import retarget as module
-from robomirror_drake.optimization.retarget import RetargetOptions
+from robomirror_drake.optimization.retargeting import retarget as module
+from robomirror_drake.optimization.retargeting.retarget import RetargetOptions
 from robomirror_drake.robot import load_robot
 from robomirror_drake.systems.retargeter import Retargeter
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robomirror_drake.optimization.dynamics_terms import TaskMotion
-from robomirror_drake.optimization.reference_trajectory import ReferenceSample
-from robomirror_drake.optimization.stance import (
+from robomirror_drake.optimization.control.dynamics_terms import TaskMotion
+from robomirror_drake.optimization.control.reference_trajectory import ReferenceSample
+from robomirror_drake.optimization.control.stance import (
     DESCENT,
     EARLY,
     HANGING,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from robomirror_drake.optimization.centroidal import GRAVITY
-from robomirror_drake.optimization.dynamics_terms import TaskMotion
-from robomirror_drake.optimization.reference_trajectory import ReferenceSample
-from robomirror_drake.optimization.step_adjustment import (
+from robomirror_drake.optimization.control.dynamics_terms import TaskMotion
+from robomirror_drake.optimization.control.reference_trajectory import ReferenceSample
+from robomirror_drake.optimization.control.step_adjustment import (
     StepOptions,
     adjusted_steps,
     captured,

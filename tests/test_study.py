@@ -19,7 +19,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.cli import app
 from robomirror_drake.config import Scenario
 from robomirror_drake.dataset.prompts import Prompt, read_prompts
@@ -36,10 +36,10 @@ from robomirror_drake.study.options import (
     study_scenario,
     variants,
 )
+from robomirror_drake.study.page import labels, print_study, render_study
 from robomirror_drake.study.records import CAUSES, RESULTS, Job, Row, about, of_variant
 from robomirror_drake.study.run import Study, Work, commands_of, run_study
 from robomirror_drake.study.summary import share_interval, summarise
-from robomirror_drake.study_page import labels, print_study, render_study
 from robomirror_drake.yaml_file import load_yaml, validate
 
 SHIPPED = (

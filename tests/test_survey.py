@@ -12,16 +12,16 @@ import pytest
 from rich.console import Console
 from scipy.stats import fisher_exact
 
-from robomirror_drake import survey
 from robomirror_drake.config import Scenario
 from robomirror_drake.exceptions import ConfigError, InputError
 from robomirror_drake.motion.composer.cue import Style
 from robomirror_drake.motion.library import library
 from robomirror_drake.motion.mocap import FEET_ONLY_CLIPS
-from robomirror_drake.optimization.plan_tempo import slowed
-from robomirror_drake.survey import Row, _at_tempo, execute, survey_rows, survey_tasks
-from robomirror_drake.survey_report import ending, lines, print_survey, render_survey
-from robomirror_drake.survey_styles import splits, unexplained
+from robomirror_drake.optimization.planning.tempo import slowed
+from robomirror_drake.survey import survey
+from robomirror_drake.survey.page import ending, lines, print_survey, render_survey
+from robomirror_drake.survey.styles import splits, unexplained
+from robomirror_drake.survey.survey import Row, _at_tempo, execute, survey_rows, survey_tasks
 
 
 class Deadly:

@@ -7,15 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robomirror_drake.messages import Array
-from robomirror_drake.optimization.dynamics_terms import TaskMotion, control_model
-from robomirror_drake.optimization.task_kernels import (
+from robomirror_drake.optimization.control.dynamics_terms import TaskMotion, control_model
+from robomirror_drake.optimization.control.kernels import FORCE_UNIT, contact_generators
+from robomirror_drake.optimization.control.qp import WholeBodyOptions, tuning
+from robomirror_drake.optimization.control.task_kernels import (
     FLOOR,
     PIVOT_STIFFNESS,
     PIVOTING,
     task_rows,
 )
-from robomirror_drake.optimization.whole_body_kernels import FORCE_UNIT, contact_generators
-from robomirror_drake.optimization.whole_body_qp import WholeBodyOptions, tuning
 from robomirror_drake.robot import load_robot
 
 MODEL, OPTIONS = control_model(load_robot()), WholeBodyOptions()

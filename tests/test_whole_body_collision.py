@@ -7,9 +7,13 @@ import pinocchio as pin
 import pytest
 
 from robomirror_drake.messages import Array, RobotReference
-from robomirror_drake.optimization.dynamics_terms import control_model, dynamics_terms, memory
-from robomirror_drake.optimization.plan_collision import gaps
-from robomirror_drake.optimization.whole_body_collision import CollisionOptions, apart_rows
+from robomirror_drake.optimization.control.collision import CollisionOptions, apart_rows
+from robomirror_drake.optimization.control.dynamics_terms import (
+    control_model,
+    dynamics_terms,
+    memory,
+)
+from robomirror_drake.optimization.planning.collision import gaps
 from robomirror_drake.robot import load_robot
 from robomirror_drake.rollout import rollout
 from robomirror_drake.simulation import SimulationOptions

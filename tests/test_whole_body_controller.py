@@ -15,21 +15,21 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from robomirror_drake.exceptions import PortError, SimulationError
 from robomirror_drake.messages import RobotReference
-from robomirror_drake.optimization.dynamics_terms import control_model
-from robomirror_drake.optimization.reference_trajectory import (
-    reference_trajectory,
-    sample_reference,
-)
-from robomirror_drake.optimization.stance import initial_stance
-from robomirror_drake.optimization.whole_body_control import control_problem, scratch
-from robomirror_drake.optimization.whole_body_qp import (
+from robomirror_drake.optimization.control.dynamics_terms import control_model
+from robomirror_drake.optimization.control.qp import (
     WholeBodyOptions,
     acceleration_from,
     foot_wrench_from,
     torque_from,
     tuning,
 )
-from robomirror_drake.optimization.whole_body_solvers import kkt_residual, solve_qp
+from robomirror_drake.optimization.control.reference_trajectory import (
+    reference_trajectory,
+    sample_reference,
+)
+from robomirror_drake.optimization.control.solvers import kkt_residual, solve_qp
+from robomirror_drake.optimization.control.stance import initial_stance
+from robomirror_drake.optimization.control.tick import control_problem, scratch
 from robomirror_drake.outcome import evaluate
 from robomirror_drake.robot import FEET, Robot, load_robot
 from robomirror_drake.rollout import rollout, set_initial_state

@@ -13,7 +13,8 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
 
-from robomirror_drake.optimization.dynamics_terms import (
+from robomirror_drake.optimization.control.diagnostics import names, packed_diagnosis, unpack
+from robomirror_drake.optimization.control.dynamics_terms import (
     ControlModel,
     DynamicsTerms,
     control_model,
@@ -21,9 +22,7 @@ from robomirror_drake.optimization.dynamics_terms import (
     memory,
     task_motion,
 )
-from robomirror_drake.optimization.stance import Stance
-from robomirror_drake.optimization.whole_body_diagnostics import names, packed_diagnosis, unpack
-from robomirror_drake.optimization.whole_body_qp import (
+from robomirror_drake.optimization.control.qp import (
     Solver,
     Targets,
     WholeBodyOptions,
@@ -34,7 +33,8 @@ from robomirror_drake.optimization.whole_body_qp import (
     tuning,
     without_joint_limits,
 )
-from robomirror_drake.optimization.whole_body_solvers import kkt_residual, solve_qp
+from robomirror_drake.optimization.control.solvers import kkt_residual, solve_qp
+from robomirror_drake.optimization.control.stance import Stance
 from robomirror_drake.robot import FEET, Robot, load_robot
 
 OPTIONS = WholeBodyOptions()

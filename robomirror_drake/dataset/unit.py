@@ -28,8 +28,8 @@ from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.fall_cause import judge
 from robomirror_drake.messages import Execution, HumanMotion, RobotReference
 from robomirror_drake.motion.generate import generate
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.retarget import retarget_batch
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.retargeting.retarget import retarget_batch
 from robomirror_drake.robot import Robot, load_robot
 from robomirror_drake.rollout import rollout
 from robomirror_drake.simulation import draw_run

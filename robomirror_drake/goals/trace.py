@@ -19,7 +19,7 @@ from robomirror_drake.optimization.kinematics import (
     make_points,
     positions,
 )
-from robomirror_drake.optimization.retarget import robot_tables
+from robomirror_drake.optimization.retargeting.retarget import robot_tables
 from robomirror_drake.robot import FEET, Robot, rotation_matrix
 
 RATE = 60.0

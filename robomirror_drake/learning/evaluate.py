@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.special import logit
 from threadpoolctl import threadpool_limits
 
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.dataset.folder import description
 from robomirror_drake.dataset.windows import ERRORS
 from robomirror_drake.exceptions import ConfigError

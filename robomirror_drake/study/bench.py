@@ -7,19 +7,19 @@ import time
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 
-from robomirror_drake.adaptation import Adaptation, adapt_command
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.command import Adaptation, adapt_command
+from robomirror_drake.adaptation.handover_options import AdapterOptions
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.closed_loop import Adapted, rollout_adaptive
 from robomirror_drake.dataset.options import seed_of, stream
 from robomirror_drake.exceptions import InputError, RetargetingError, UnknownCommandError
 from robomirror_drake.fall_cause import judge
 from robomirror_drake.goals import Goals, make_goals, measure
-from robomirror_drake.handover_options import AdapterOptions
 from robomirror_drake.messages import Execution, RobotReference
 from robomirror_drake.motion.generate import generate
 from robomirror_drake.motion.text import parse
-from robomirror_drake.optimization.plan import plan_dynamics
-from robomirror_drake.optimization.retarget import retarget_batch
+from robomirror_drake.optimization.planning.plan import plan_dynamics
+from robomirror_drake.optimization.retargeting.retarget import retarget_batch
 from robomirror_drake.ppn.ensemble import Ensemble, load_ensemble
 from robomirror_drake.ppn.predictor import Predictor, load_predictor
 from robomirror_drake.robot import Robot, load_robot

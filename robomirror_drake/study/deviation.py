@@ -6,7 +6,7 @@ import numpy as np
 
 from robomirror_drake.messages import Array, RobotReference
 from robomirror_drake.optimization.kinematics import body_poses, positions
-from robomirror_drake.optimization.retarget import robot_tables
+from robomirror_drake.optimization.retargeting.retarget import robot_tables
 from robomirror_drake.robot import Robot, rotation_matrix
 
 

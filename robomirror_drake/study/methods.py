@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robomirror_drake.adaptation import foresee
+from robomirror_drake.adaptation.command import foresee
 from robomirror_drake.dataset.options import stream
 from robomirror_drake.messages import RobotReference
 from robomirror_drake.study.bench import Bench, Tried, digest

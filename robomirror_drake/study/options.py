@@ -9,13 +9,13 @@ from typing import Annotated, Any, Final, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from robomirror_drake.adaptation_options import AdaptationOptions
+from robomirror_drake.adaptation.handover_options import AdapterOptions
+from robomirror_drake.adaptation.options import AdaptationOptions
 from robomirror_drake.config import Scenario, load_scenario
 from robomirror_drake.dataset.options import replaced
 from robomirror_drake.dataset.prompts import Split
 from robomirror_drake.disturbance import DisturbanceOptions
-from robomirror_drake.handover_options import AdapterOptions
-from robomirror_drake.optimization.adapt_options import AdaptOptions, Variable
+from robomirror_drake.optimization.adaptation.options import AdaptOptions, Variable
 from robomirror_drake.simulation import SimulationOptions
 from robomirror_drake.yaml_file import validate
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from robomirror_drake.adaptation import adapt_command
+from robomirror_drake.adaptation.command import adapt_command
 from robomirror_drake.study.bench import Bench
 from robomirror_drake.study.causes import cause
 from robomirror_drake.study.methods import outcome, simulated, survivor

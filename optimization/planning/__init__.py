@@ -1,0 +1,1 @@
+"""From a kinematic reference to a plan that the dynamics allow."""

@@ -1,0 +1,1 @@
+"""From a human motion to the robot's kinematic reference."""

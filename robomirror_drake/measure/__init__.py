@@ -1,0 +1,1 @@
+"""Text to motion measured: understood, human, diverse, quick."""

@@ -1,0 +1,1 @@
+"""Results as moving pictures in meshcat."""
