@@ -13,7 +13,6 @@ import pytest
 import yaml
 from scipy.special import expit
 
-from robomirror_drake import cli
 from robomirror_drake.adaptation.motion_measures import compare, told
 from robomirror_drake.adaptation.record import (
     AdaptationRecord,
@@ -23,6 +22,7 @@ from robomirror_drake.adaptation.record import (
     RankedCandidate,
     Task,
 )
+from robomirror_drake.commands.run import adapting, default_scenario
 from robomirror_drake.commands.terminal import print_outcome
 from robomirror_drake.comparison import Judges, foresight
 from robomirror_drake.config import Scenario, load_scenario
@@ -144,10 +144,10 @@ def test_handovers_come_back_and_are_shown_everywhere(result, tmp_path, capsys):
 
 
 def test_a_closed_loop_has_settings_in_the_scenario_and_needs_a_method():
-    closed = cli._adapting(load_scenario("worn"), None, None, closed_loop=True)
+    closed = adapting(load_scenario("worn"), None, None, closed_loop=True)
     assert validate(Scenario, yaml.safe_load(to_yaml(closed)), "again") == closed
     with pytest.raises(ConfigError, match="closed_loop with method none"):
-        cli._adapting(load_scenario("default"), None, None, closed_loop=True)
+        adapting(load_scenario("default"), None, None, closed_loop=True)
     with pytest.raises(InputError, match="live"):
         run(closed, meshcat=object())  # type: ignore[arg-type]
 
@@ -391,12 +391,12 @@ def test_who_does_what_he_is_told_looks_as_foreseen(predictor, make_execution):
 
 def test_a_run_has_the_stages_that_it_needs():
     plain = load_scenario("default")
-    adapting = cli._adapting(plain, "selection", "mine.safetensors")
-    assert adapting.adaptation.predictor == ("mine.safetensors",)
+    adapted = adapting(plain, "selection", "mine.safetensors")
+    assert adapted.adaptation.predictor == ("mine.safetensors",)
     assert stages(plain) == ("generate", "retarget", "plan", "simulate")
-    assert stages(adapting)[2] == "adapt"
-    assert stages(adapting)[-1] == "compare"
-    assert stages(adapting, compare=False)[-1] == "simulate"
+    assert stages(adapted)[2] == "adapt"
+    assert stages(adapted)[-1] == "compare"
+    assert stages(adapted, compare=False)[-1] == "simulate"
 
 
 class Foreteller:
@@ -419,7 +419,7 @@ def test_a_run_does_the_safe_candidate_and_compares(monkeypatch):
     for module in ("predictor", "ensemble"):
         place = f"robomirror_drake.ppn.{module}.load_predictor"
         monkeypatch.setattr(place, lambda *_: Foreteller())
-    scenario = cli._adapting(load_scenario("default"), "selection", None)
+    scenario = adapting(load_scenario("default"), "selection", None)
     made = run(
         scenario.model_copy(
             update={
@@ -442,9 +442,9 @@ def test_a_run_does_the_safe_candidate_and_compares(monkeypatch):
 
 
 def test_run_adapts_by_default_where_there_are_weights():
-    assert cli._run_scenario("mine.safetensors") == "worn"
+    assert default_scenario("mine.safetensors") == "worn"
     there = resources.files("robomirror_drake.assets") / "ppn" / "ppn_1s.safetensors"
-    assert cli._run_scenario(None) == ("worn" if there.is_file() else "default")
+    assert default_scenario(None) == ("worn" if there.is_file() else "default")
     assert load_scenario("worn").adaptation.method == "selection_optimisation"
     assert load_scenario("default").adaptation.method == "none"
 

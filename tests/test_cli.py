@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from robomirror_drake import cli
+from robomirror_drake.commands import run
 from robomirror_drake.exceptions import PlanningError, SimulationError
 
 
@@ -97,7 +98,7 @@ def test_an_unplannable_motion_is_bad_input_and_divergence_an_error(monkeypatch,
         def refuse(*_: object, error: Exception = error, **__: object) -> None:
             raise error
 
-        monkeypatch.setattr(cli, "_scenario", refuse)
+        monkeypatch.setattr(run, "scenario_of", refuse)
         assert robomirror(monkeypatch, "run", "bow") == code
         assert "Traceback" not in capsys.readouterr().err
 
@@ -106,7 +107,7 @@ def test_an_internal_error_exits_1(monkeypatch, capsys):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr(cli, "_scenario", broken)
+    monkeypatch.setattr(run, "scenario_of", broken)
     assert robomirror(monkeypatch, "run", "bow") == 1
     assert "internal error: on purpose" in capsys.readouterr().err
 

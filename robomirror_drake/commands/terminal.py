@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from robomirror_drake.exceptions import ResultError
 
 if TYPE_CHECKING:
+    from robomirror_drake.config import Scenario
     from robomirror_drake.messages import Outcome
     from robomirror_drake.results import Result
 
@@ -28,9 +29,21 @@ AddressOption = Annotated[
     str | None, typer.Option(help="Of a Ray cluster whose machines have this package.")
 ]
 
+ScenarioOption = Annotated[
+    str, typer.Option(help="Scenario YAML, or the name of one in assets/scenarios.")
+]
+
 console = Console(stderr=True)
 # Tables keep their width in a file or a pipe.
 out = Console(width=None if sys.stdout.isatty() else 140)
+
+
+def scenario_of(name: str, **changes: Any) -> Scenario:
+    """The scenario of that name with what the command line says instead."""
+    from robomirror_drake.config import load_scenario
+    from robomirror_drake.yaml_file import changed
+
+    return changed(load_scenario(name), **changes)
 
 
 def progress_bars() -> Progress:
