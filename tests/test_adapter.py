@@ -151,6 +151,18 @@ def test_stops_where_nothing_goes_on_safely_and_then_is_done() -> None:
     assert out(adapter, context, "risk")[0] == stop.time
 
 
+def test_goes_on_where_a_halt_is_no_safer(monkeypatch) -> None:
+    def lost(_: Foreteller, q: Any, *__: Any) -> QualityPrediction:
+        return QualityPrediction(1.5, np.full(len(q), 0.95), *np.full((5, len(q)), 0.01))
+
+    monkeypatch.setattr(Foreteller, "foresee", lost)
+    adapter, context = run(0.3, 2.0)
+    log = out(adapter, context, "handovers")
+    assert log
+    assert not any(one.done or one.stopped for one in log)
+    assert out(adapter, context, "reference") is plan()
+
+
 def test_slows_down_no_further_than_it_may() -> None:
     least = OPTIONS.model_copy(update={"least": Continuation(tempo=0.7), "halting": 0.3})
     adapter, context = run(2.6, 3.0, least)

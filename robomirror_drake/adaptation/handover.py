@@ -200,7 +200,8 @@ def _order(
     """Indices of candidates to be taken, the best first, and a reason for each of all of them.
 
     First comes what goes on safely by a margin, by its quality less what it changes; then what
-    goes on safely; then halts, if the motion is about to be lost; then what is safer at least.
+    goes on safely; then halts that are safer, if the motion is about to be lost; then what else is
+    safer.
     """
     going, falls = candidates.going, foresight.fall_probability
     part = QualityPrediction(
@@ -223,7 +224,7 @@ def _order(
     order = [i for i in by_worth if ranking.safe[i]]  # with what is there, where it will do
     order += [i for i in better if i < going and falls[i] <= options.allowed]
     if falls[0] >= options.halting:
-        order += [i for i in by_risk if i >= going]
+        order += [i for i in better if i >= going]  # to stop and fall is worse than to go on
     order += [i for i in better if i < going]
     if done is not None and done[0].done and falls[0] < options.halting:
         # Too little is at stake to give up what is meant.
