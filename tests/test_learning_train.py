@@ -14,17 +14,8 @@ from safetensors.torch import load_file
 
 from robomirror_drake import checkpoint
 from robomirror_drake.exceptions import ConfigError, ResultError
-from robomirror_drake.learning.train import (
-    CHECKPOINT,
-    LOG,
-    WEIGHTS,
-    hide_joints,
-    predict,
-    train,
-)
+from robomirror_drake.learning.train import CHECKPOINT, LOG, WEIGHTS, predict, train
 from robomirror_drake.learning.windows import load_windows
-from robomirror_drake.ppn.features import REFERENCE_VECTORS, STATE_VECTORS, joint_features
-from robomirror_drake.ppn.model import PPN
 from robomirror_drake.ppn.options import PPNOptions, TrainOptions
 from robomirror_drake.ppn.predictor import load_predictor
 from robomirror_drake.robot import load_robot
@@ -115,28 +106,6 @@ def test_it_stops_early(data, tmp_path):
     assert len(epochs) < 30
     assert [epoch.best for epoch in epochs[-1:]] == [False]
     assert (tmp_path / CHECKPOINT).exists()
-
-
-def test_what_is_hidden_are_joints_of_some_windows_in_state_and_reference_alike(data, tmp_path):
-    joints = 23
-    sizes = [3 + 3 * vectors + 2 * joints + 5 for vectors in (STATE_VECTORS, REFERENCE_VECTORS)]
-    network = PPN(PPNOptions.model_validate(NETWORK), *sizes)
-    torch.manual_seed(3)
-    seen = [torch.rand(200, 4, size) + 1.0 for size in sizes]
-    before = [x.clone() for x in seen]
-    hide_joints(network, *seen, joints, 0.25)
-    hidden = []
-    for x, old, vectors in zip(seen, before, (STATE_VECTORS, REFERENCE_VECTORS), strict=True):
-        at = joint_features(vectors, joints)
-        changed = x != old
-        hidden.append(changed.any((1, 2)))
-        assert changed[hidden[-1]][:, :, at].all()  # all of them, and nothing else
-        assert int(changed.sum()) == int(hidden[-1].sum()) * 4 * 2 * joints
-        assert torch.equal(x[hidden[-1]][:, :, at], torch.zeros_like(x[hidden[-1]][:, :, at]))
-    assert torch.equal(*hidden)
-    assert 25 <= int(hidden[0].sum()) <= 75
-    path = train(tiny(data, tmp_path, hidden=0.5, epochs=1))
-    assert checkpoint.load(path, checkpoint.PREDICTOR)[1]["options"]["hidden"] == 0.5
 
 
 def test_a_share_of_the_commands_is_learned_from(data, tmp_path):

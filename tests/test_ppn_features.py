@@ -8,15 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from robomirror_drake.ppn.body import Body
-from robomirror_drake.ppn.features import (
-    PAD,
-    REFERENCE_VECTORS,
-    STATE_VECTORS,
-    joint_features,
-    reference_frames,
-    seen,
-    state_frames,
-)
+from robomirror_drake.ppn.features import PAD, reference_frames, seen, state_frames
 from robomirror_drake.ppn.model import PPN, Scores
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.robot import load_robot
@@ -150,13 +142,3 @@ def test_a_batch_gives_what_single_windows_give(window):
         torch.testing.assert_close(together.fall[number], alone.fall[0])
         torch.testing.assert_close(together.errors[number], alone.errors[0])
     torch.testing.assert_close(net(state, more).fall, together.fall)
-
-
-def test_joints_have_their_place_among_the_features(window):
-    q, v, asked, contact = window
-    joints = len(ROBOT.joint_names)
-    state, reference = features(q, v, asked, contact)
-    told = state[0, :, joint_features(STATE_VECTORS, joints)]
-    assert torch.equal(told, torch.cat([q[:, 7:], v[:, 6:]], 1))
-    told = reference[0, :, joint_features(REFERENCE_VECTORS, joints)]
-    assert torch.equal(told[:, :joints], asked[PAD:-PAD, 7:])

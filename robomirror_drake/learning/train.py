@@ -28,7 +28,6 @@ from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.learning.calibrate import balanced_accuracy, calibrate
 from robomirror_drake.learning.motions import foreseen, read_motions
 from robomirror_drake.learning.windows import Integers, Windows, load_windows
-from robomirror_drake.ppn.features import REFERENCE_VECTORS, STATE_VECTORS, joint_features
 from robomirror_drake.ppn.model import PPN, Scores
 from robomirror_drake.ppn.options import TrainOptions
 from robomirror_drake.ppn.predictor import Predictor
@@ -135,8 +134,6 @@ def train(
                 group["lr"] = options.learning_rate * _schedule(done)
             which = _draw(data, learned, options, rng)[rank::world]
             state, reference = (x.to(device) for x in data.inputs(which, options.network))
-            if options.hidden:
-                hide_joints(network, state, reference, len(robot.joint_names), options.hidden)
             loss = _loss(network, network(state, reference), data, which, options)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()  # type: ignore[no-untyped-call]
@@ -182,25 +179,6 @@ def train(
         told["motions"] = {"validation": len(motions), "falls_validation": int(fell.sum())}
         checkpoint.save(path, kept, told, checkpoint.PREDICTOR)
     return path
-
-
-def hide_joints(network: PPN, state: Tensor, reference: Tensor, joints: int, share: float) -> None:
-    """Hides angles and speeds of joints, state's and reference's, in a share of the windows.
-
-    Args:
-        network: Whose scales say what is usual, which is seen instead.
-        state: (n, S, F_s) features, changed in place.
-        reference: (n, T, F_r) likewise.
-        joints: How many the robot has.
-        share: Chance of each window.
-    """
-    hidden = torch.rand(len(state), device=state.device) < share
-    for seen, scale, vectors in (
-        (state, network.state_scale, STATE_VECTORS),
-        (reference, network.reference_scale, REFERENCE_VECTORS),
-    ):
-        at = joint_features(vectors, joints)
-        seen[hidden, :, at] = scale[0, at]
 
 
 def predict(network: PPN, data: Windows, which: Integers) -> Scores:

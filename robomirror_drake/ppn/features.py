@@ -62,12 +62,6 @@ FORWARD = 0
 """The vector that says where the base looks to."""
 
 
-def joint_features(vectors: int, joints: int) -> slice:
-    """Where frames as they are seen, with so many vectors, have angles and speeds of joints."""
-    first = 3 + 3 * vectors
-    return slice(first, first + 2 * joints)
-
-
 def unflat(row: Tensor, vectors: int) -> Frames:
     """Takes rows of :meth:`Frames.flat` apart."""
     place, turning, scalars = torch.split(

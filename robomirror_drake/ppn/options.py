@@ -79,13 +79,6 @@ class TrainOptions(BaseModel):
     mirror: bool = Field(
         True, description="learn from everything with left and right exchanged too"
     )
-    hidden: float = Field(
-        0.0,
-        ge=0.0,
-        lt=1.0,
-        description="share of windows that are learned from without the joints' angles and speeds:"
-        " what a motion asks of ground and motors says more of postures never seen",
-    )
     spacing: float = Field(0.1, gt=0.0, le=5.0, description="of the windows of an episode [s]")
     average: float = Field(0.998, ge=0.0, lt=1.0, description="decay of the averaged weights")
     share: float = Field(
