@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from robomirror_drake.learning import plots as plots
+from robomirror_drake.learning import plots
 from robomirror_drake.learning.evaluate import Judgement
 from robomirror_drake.learning.judge import EARLY, UNITS
 from robomirror_drake.learning.metrics import BINS
