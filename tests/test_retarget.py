@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import HumanMotion
 from robomirror_drake.motion.contacts import foot_contacts
+from robomirror_drake.motion.generate import GeneratorOptions, generate
 from robomirror_drake.motion.mocap import load_clip
 from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.optimization.retargeting.footholds import (
@@ -59,6 +60,12 @@ def test_real_clips(clip, keypoints):
     assert figures["self_penetration"] <= 0.005
     assert figures["limit_violation"] <= 1e-12
     np.testing.assert_allclose(np.diff(reference.time), 1 / 60, atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["a man makes a batting swing", "a person swings a golf club"])
+def test_arms_that_swing_past_each_other_do_not_pass_through_each_other(text):
+    (motion,) = generate(text, 1, 0, GeneratorOptions(vigour=1.4))
+    assert retarget(ROBOT, motion).residuals["self_penetration"] <= 0.005
 
 
 def test_limits_hold_between_the_samples_too(walked):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
@@ -27,7 +28,11 @@ from robomirror_drake.optimization.retargeting.options import RetargetOptions, R
 from robomirror_drake.optimization.retargeting.targets import RATE, Targets
 
 STRIDE = 2
-"""Every how many samples the problem looks, beside those where a contact begins or ends."""
+"""Every how many samples a problem looks, beside those where a contact begins or ends.
+
+Of arms that swing past each other this may see neither before nor after that they pass through
+each other; a motion that fails by it is solved again with every sample in sight.
+"""
 
 
 ROUNDING = 1e-9
@@ -38,6 +43,8 @@ class Problem(NamedTuple):
     """One window's problem.
 
     Attributes:
+        picked: (S,) indices of the samples at which the problem looks, its frames.
+        step: Time from one to the next, where no contact begins or ends [s].
         terms: What the frames are asked to do, weights times the time step.
         basis: Basis at the frames.
         quadratic: (4, K, 29) Hessian of posture and smoothness, which do not couple
@@ -49,6 +56,8 @@ class Problem(NamedTuple):
         start: (K, 29) where to begin without a better guess.
     """
 
+    picked: npt.NDArray[np.int64]
+    step: float
     terms: Terms
     basis: spline.Basis
     quadratic: Array
@@ -65,6 +74,7 @@ def make_problem(
     targets: Targets,
     options: RetargetOptions,
     reference: Array | None = None,
+    stride: int = STRIDE,
 ) -> Problem:
     """Poses the problem.
 
@@ -74,11 +84,12 @@ def make_problem(
         targets: What to follow.
         options: Weights, limits and margins.
         reference: (k, 4) leading control quaternions to be kept, of a previous window.
+        stride: Every how many samples it looks.
     """
     spacing, weights = options.knot_spacing, options.weights
     whole = spline.basis(targets.time, spacing)
     quaternions = _reference_quaternions(whole, targets, reference)
-    picked = picked_samples(targets.contact, STRIDE)
+    picked = picked_samples(targets.contact, stride)
     basis = spline.basis(targets.time[picked], spacing, whole.points)
     dt = np.gradient(targets.time[picked])[:, None]
     support = weights.support * _slowness(targets, tables, options.slow_speed)
@@ -118,7 +129,9 @@ def make_problem(
     )
     acceleration = np.full(len(lower), options.joint_acceleration)
     limits = Limits(lower + ROUNDING, tables.upper - ROUNDING, tables.speed, acceleration)
-    return Problem(terms, basis, quadratic, linear, limits, quaternions, spacing, start)
+    return Problem(
+        picked, stride / RATE, terms, basis, quadratic, linear, limits, quaternions, spacing, start
+    )
 
 
 def _quadratic(

@@ -12,13 +12,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from robomirror_drake.exceptions import RetargetingError
 from robomirror_drake.messages import Array, BoolArray, HumanMotion, RobotReference
 from robomirror_drake.motion.contacts import foot_contacts
 from robomirror_drake.optimization import spline
-from robomirror_drake.optimization.contact_schedule import picked_samples, runs
+from robomirror_drake.optimization.contact_schedule import runs
 from robomirror_drake.optimization.floating_base import Path, reference_rotation, sample
 from robomirror_drake.optimization.kinematics import body_poses, positions
 from robomirror_drake.optimization.retargeting.footholds import heading
@@ -184,7 +185,8 @@ def retarget_window(
     """Solves for targets that are already scaled.
 
     Where a warm start does not lead within the gate, and where a cold one does not in the
-    given number of iterations, the solve is repeated from nothing with more of them.
+    given number of iterations, the solve is repeated from nothing with more of them, and with
+    every sample in sight.
 
     Raises:
         RetargetingError: No reference within the gate was found.
@@ -194,9 +196,9 @@ def retarget_window(
         targets = _carry_footholds(tables, targets, warm)
     # What goes on from a window before has to start where that one is; a neighbour is a hint.
     again = warm if warm is not None and warm.shift is not None else None
-    for start, factor in ((warm, 1), (again, 2)):
+    for start, factor, stride in ((warm, 1, STRIDE), (again, 2, 1)):
         iterations = factor * options.iterations
-        result = _solve(robot, targets, options, start, iterations, text, source)
+        result = _solve(robot, targets, options, start, iterations, stride, text, source)
         figures, gate = result.reference.residuals, options.gate.model_dump()
         exceeded = [name for name, most in gate.items() if figures[name] > most]
         if not exceeded:
@@ -214,6 +216,7 @@ def _solve(
     options: RetargetOptions,
     warm: Warm | None,
     iterations: int,
+    stride: int,
     text: str,
     source: str,
 ) -> Retargeted:
@@ -222,7 +225,7 @@ def _solve(
     if warm is not None and warm.shift is not None:
         fixed = spline.ORDER - 1
         kept = warm.path.reference[warm.shift : warm.shift + fixed]
-    problem = make_problem(tables, robot.standing[7:], targets, options, kept)
+    problem = make_problem(tables, robot.standing[7:], targets, options, kept, stride)
     start = problem.start if warm is None else _warm_start(problem, warm)
     solution = solve(
         problem,
@@ -234,7 +237,7 @@ def _solve(
         warm=warm is not None,
     )
     path = Path(solution.control, problem.reference, problem.spacing)
-    targets = targets._replace(contact=_held(targets.contact, solution.standing))
+    targets = targets._replace(contact=_held(targets.contact, problem.picked, solution.standing))
     motion = sample(path, targets.time)
     figures = residuals(tables, targets, motion.q, motion.v)
     figures["iterations"] = float(solution.iterations)
@@ -292,9 +295,8 @@ def _carry_footholds(tables: RobotTables, targets: Targets, warm: Warm) -> Targe
     return targets._replace(anchor=anchor)
 
 
-def _held(contact: BoolArray, standing: BoolArray) -> BoolArray:
+def _held(contact: BoolArray, picked: npt.NDArray[np.int64], standing: BoolArray) -> BoolArray:
     """(T, 2, 4) contacts between samples (S, 8) at both of which the solver still held them."""
-    picked = picked_samples(contact, STRIDE)
     after = np.searchsorted(picked, np.arange(len(contact)))
     before = np.searchsorted(picked, np.arange(len(contact)), side="right") - 1
     held = contact & (standing[before] & standing[after]).reshape(contact.shape)

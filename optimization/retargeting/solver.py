@@ -21,9 +21,8 @@ from robomirror_drake.optimization.retargeting import rates as hinges
 from robomirror_drake.optimization.retargeting.footholds import let_go
 from robomirror_drake.optimization.retargeting.kernel import DEADBAND, Multipliers, Residuals, cost
 from robomirror_drake.optimization.retargeting.limits import project
-from robomirror_drake.optimization.retargeting.problem import STRIDE, Problem, multiply_diagonal
+from robomirror_drake.optimization.retargeting.problem import Problem, multiply_diagonal
 from robomirror_drake.optimization.retargeting.step import DAMPING, State, advance, evaluate
-from robomirror_drake.optimization.retargeting.targets import RATE
 
 PENALTY = 300.0
 """Of a metre's violation, against a keypoint's weight of 1 [1/m²]."""
@@ -107,7 +106,7 @@ def _solve(
     control = start.copy()
     control[fixed:, 6:] = np.clip(control[fixed:, 6:], limits.lower, limits.upper)
     free = _free_samples(basis, fixed)
-    dt = STRIDE / RATE
+    dt = problem.step
     multipliers = _no_multipliers(problem)
     rates = hinges.zero(basis.points, len(limits.lower))
     damping = np.full(basis.points, DAMPING)
