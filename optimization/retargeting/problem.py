@@ -31,7 +31,7 @@ STRIDE = 2
 """Every how many samples a problem looks, beside those where a contact begins or ends.
 
 Of arms that swing past each other this may see neither before nor after that they pass through
-each other; a motion that fails by it is solved again with every sample in sight.
+each other; a motion that fails by it is solved again at every sample.
 """
 
 

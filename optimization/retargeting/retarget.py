@@ -185,8 +185,8 @@ def retarget_window(
     """Solves for targets that are already scaled.
 
     Where a warm start does not lead within the gate, and where a cold one does not in the
-    given number of iterations, the solve is repeated from nothing with more of them, and with
-    every sample in sight.
+    given number of iterations, the solve is repeated from nothing with more of them; with every
+    sample in sight where the robot passes through itself.
 
     Raises:
         RetargetingError: No reference within the gate was found.
@@ -196,13 +196,15 @@ def retarget_window(
         targets = _carry_footholds(tables, targets, warm)
     # What goes on from a window before has to start where that one is; a neighbour is a hint.
     again = warm if warm is not None and warm.shift is not None else None
-    for start, factor, stride in ((warm, 1, STRIDE), (again, 2, 1)):
+    stride = STRIDE
+    for start, factor in ((warm, 1), (again, 2)):
         iterations = factor * options.iterations
         result = _solve(robot, targets, options, start, iterations, stride, text, source)
         figures, gate = result.reference.residuals, options.gate.model_dump()
         exceeded = [name for name, most in gate.items() if figures[name] > most]
         if not exceeded:
             return result
+        stride = 1 if "self_penetration" in exceeded else STRIDE
     raise RetargetingError(_name(text, source), figures, exceeded)
 
 
