@@ -9,7 +9,7 @@ from rich.console import Console
 from robomirror_drake.bench import retarget
 from robomirror_drake.exceptions import InputError
 from robomirror_drake.motion.mocap import load_clip
-from robomirror_drake.optimization.retargeting.retarget import RetargetOptions, scale_motion
+from robomirror_drake.optimization.retargeting.retarget import scale_motion
 from robomirror_drake.robot import load_robot
 
 
@@ -39,7 +39,7 @@ def test_mujoco_model_is_the_same_robot():
     data = mujoco.MjData(model)
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
     mujoco.mj_kinematics(model, data)
-    targets = scale_motion(robot, load_clip("walk"), np.ones((39, 2, 2), bool), RetargetOptions())
+    targets = scale_motion(robot, load_clip("walk"), np.ones((39, 2, 2), bool))
     assert targets.keypoints.shape[1] == model.nsite
     hips = [data.site(f"{side}_hip").xpos for side in ("left", "right")]
     np.testing.assert_allclose(np.subtract(*hips), [0.0, 0.192, 0.0], atol=1e-9)

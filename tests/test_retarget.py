@@ -84,7 +84,7 @@ def test_knees_stay_bent(walk):
 
 
 def test_next_window_goes_on_where_the_last_one_is(walk):
-    targets = scale_motion(ROBOT, walk, foot_contacts(walk), OPTIONS)
+    targets = scale_motion(ROBOT, walk, foot_contacts(walk))
     first = retarget_window(ROBOT, window_of(targets, 0, 49), OPTIONS)
     shift = 3
     start = round(shift * OPTIONS.knot_spacing * 60)

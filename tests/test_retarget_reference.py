@@ -22,7 +22,7 @@ OPTIONS = RetargetOptions(tolerance=6e-4, flatness=1e-3, iterations=60)
 
 def window(clip, start):
     motion = load_clip(clip)
-    targets = scale_motion(load_robot(), motion, foot_contacts(motion), OPTIONS)
+    targets = scale_motion(load_robot(), motion, foot_contacts(motion))
     return retarget_window(load_robot(), window_of(targets, start, start + 25), OPTIONS)
 
 

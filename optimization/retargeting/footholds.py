@@ -181,14 +181,24 @@ def unit(x: Array) -> Array:
     return np.asarray(x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9))
 
 
-def support_planes(anchor: Array, ends: BoolArray, margin: float) -> Array:
-    """(T, 8, 3) half planes n · x ≤ b of the hull of the standing corners, shrunk by a margin."""
+def support_planes(anchor: Array, ends: BoolArray, wanted: BoolArray, margin: float) -> Array:
+    """Support polygons: the hull of the corners that stand, shrunk by a margin.
+
+    Args:
+        anchor: (T, 2, 4, 3) where corners stand [m].
+        ends: (T, 2, 4) which of them do.
+        wanted: (T,) samples whose polygon is of interest.
+        margin: By how much they are shrunk [m].
+
+    Returns:
+        (T, 8, 3) half planes n · x ≤ b as (n_x, n_y, b), padded with zeros, which hold always.
+    """
     support = np.zeros((len(anchor), 8, 3))
     keys = np.concatenate([anchor[..., :2].reshape(len(anchor), -1), ends.reshape(-1, 8)], axis=1)
     changes = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0.0, axis=1)) + 1
     for start, stop in zip([0, *changes], [*changes, len(anchor)], strict=True):
         corners = anchor[start, ends[start], :2]
-        if len(corners) >= 4:
+        if len(corners) >= 4 and wanted[start:stop].any():
             planes = np.unique(ConvexHull(corners).equations.round(9), axis=0)
             support[start:stop, : len(planes)] = planes * [1, 1, -1] - [0, 0, margin]
     return support

@@ -21,6 +21,7 @@ from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.contact_schedule import picked_samples
 from robomirror_drake.optimization.floating_base import continuous, reference_rotation
 from robomirror_drake.optimization.kinematics import Points
+from robomirror_drake.optimization.retargeting.footholds import support_planes
 from robomirror_drake.optimization.retargeting.kernel import Terms
 from robomirror_drake.optimization.retargeting.limits import Limits
 from robomirror_drake.optimization.retargeting.metrics import RobotTables
@@ -92,7 +93,7 @@ def make_problem(
     picked = picked_samples(targets.contact, stride)
     basis = spline.basis(targets.time[picked], spacing, whole.points)
     dt = np.gradient(targets.time[picked])[:, None]
-    support = weights.support * _slowness(targets, tables, options.slow_speed)
+    slow = weights.support * _slowness(targets, tables, options.slow_speed)[picked]
     feet = np.full(2, 0.3)  # the toes see most of a foot's direction already
     direction = weights.direction * np.concatenate([np.ones(4), feet])
     chest = tables.keypoints.body[tables.body.keypoints.index("neck")]
@@ -115,8 +116,10 @@ def make_problem(
         corners=tables.corners,
         anchor=targets.anchor[picked].reshape(frames, 8, 3),
         standing=targets.contact[picked].reshape(frames, 8),
-        support=np.ascontiguousarray(targets.support[picked]),
-        support_weight=support[picked] * dt[:, 0],
+        support=support_planes(
+            targets.anchor[picked], targets.contact[picked], slow > 0.0, options.support_margin
+        ),
+        support_weight=slow * dt[:, 0],
         capsules=tables.capsules,
         margin=options.collision_margin,
     )

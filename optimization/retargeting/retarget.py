@@ -115,7 +115,7 @@ def retarget_solution(
     """As :func:`retarget`, with all that the reference was made from."""
     options = options or RetargetOptions()
     contacts = foot_contacts(motion) if contacts is None else contacts
-    targets = scale_motion(robot, motion, contacts, options)
+    targets = scale_motion(robot, motion, contacts)
     return retarget_window(robot, targets, options, warm, motion.text, motion.source)
 
 
@@ -143,9 +143,7 @@ def retarget_batch(
     return tuple(results)
 
 
-def scale_motion(
-    robot: Robot, motion: HumanMotion, contacts: BoolArray, options: RetargetOptions
-) -> Targets:
+def scale_motion(robot: Robot, motion: HumanMotion, contacts: BoolArray) -> Targets:
     """The motion in the robot's proportions; slice it with :func:`window_of` for windows.
 
     Raises:
@@ -157,7 +155,7 @@ def scale_motion(
             f"contacts has shape {np.shape(contacts)}, expected {(len(motion.positions), 2, 2)}"
         )
     tables = robot_tables(robot)
-    return make_targets(tables.body, motion, contacts, options.support_margin)
+    return make_targets(tables.body, motion, contacts)
 
 
 def window_of(targets: Targets, start: int, stop: int) -> Targets:
@@ -170,7 +168,6 @@ def window_of(targets: Targets, start: int, stop: int) -> Targets:
         pelvis=targets.pelvis[part],
         contact=targets.contact[part],
         anchor=targets.anchor[part],
-        support=targets.support[part],
     )
 
 

@@ -20,7 +20,7 @@ from robomirror_drake.motion.ground import ANKLE_HEIGHT, TOE_HEIGHT
 from robomirror_drake.motion.skeleton import INDEX
 from robomirror_drake.optimization import spline
 from robomirror_drake.optimization.kinematics import body_point, body_poses, make_tree
-from robomirror_drake.optimization.retargeting.footholds import footholds, support_planes, unit
+from robomirror_drake.optimization.retargeting.footholds import footholds, unit
 from robomirror_drake.robot import FEET, Robot
 
 RATE = 60.0
@@ -74,7 +74,6 @@ class Targets(NamedTuple):
         pelvis: (T, 3, 3) orientation of the human pelvis.
         contact: (T, 2, 4) which sole corners stand.
         anchor: (T, 2, 4, 3) where they stand; in each phase of contact fixed, but for a pivot [m].
-        support: (T, M, 3) support polygon as half planes (n_x, n_y, b), padded with zeros.
     """
 
     time: Array
@@ -83,7 +82,6 @@ class Targets(NamedTuple):
     pelvis: Array
     contact: BoolArray
     anchor: Array
-    support: Array
 
 
 def proportions(robot: Robot) -> Proportions:
@@ -123,16 +121,13 @@ def _turnable(robot: Robot) -> Array:
     return np.stack([least[hips] + _TURN_MARGIN, most[hips] - _TURN_MARGIN], axis=1)
 
 
-def make_targets(
-    body: Proportions, motion: HumanMotion, contacts: BoolArray, margin: float
-) -> Targets:
+def make_targets(body: Proportions, motion: HumanMotion, contacts: BoolArray) -> Targets:
     """Scales a human motion to a robot.
 
     Args:
         body: The robot's measures.
         motion: The human motion.
         contacts: (T_h, 2, 2) contact of (left, right) × (heel, toe) in the motion's frames.
-        margin: How far inside the support polygon the centre of mass should stay [m].
 
     Raises:
         RetargetingError: The human has no legs to be scaled by.
@@ -208,7 +203,6 @@ def make_targets(
         pelvis=pelvis,
         contact=contact,
         anchor=anchor,
-        support=support_planes(anchor, contact, margin),
     )
 
 

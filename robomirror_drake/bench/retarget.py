@@ -135,7 +135,7 @@ def _ours(robot: Robot, clip: str, motion: HumanMotion) -> dict[str, Any]:
 
 
 def _mink(robot: Robot, clip: str, motion: HumanMotion, mink: Any, mujoco: Any) -> dict[str, Any]:
-    targets = scale_motion(robot, motion, foot_contacts(motion), RetargetOptions())
+    targets = scale_motion(robot, motion, foot_contacts(motion))
     model = mujoco_model(robot, mujoco)
     seconds, q = _timed(lambda: per_frame_ik(robot, targets, model, mink))
     v = np.hstack([np.zeros((len(q), 6)), np.gradient(q[:, 7:], targets.time, axis=0)])
@@ -160,7 +160,7 @@ def _row(clip: str, method: str, rate: float, figures: Any) -> dict[str, Any]:
 def _windows(robot: Robot, motion: HumanMotion) -> tuple[float, float]:
     """Time of a cold and of a warm window of one second [ms]; NaN where the clip is shorter."""
     options = RetargetOptions()
-    targets = scale_motion(robot, motion, foot_contacts(motion), options)
+    targets = scale_motion(robot, motion, foot_contacts(motion))
     cold, first = _timed(lambda: retarget_window(robot, window_of(targets, 0, WINDOW), options))
     shift = 2
     start = round(shift * options.knot_spacing * RATE)
