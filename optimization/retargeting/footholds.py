@@ -181,13 +181,12 @@ def unit(x: Array) -> Array:
     return np.asarray(x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9))
 
 
-def support_planes(anchor: Array, ends: BoolArray, wanted: BoolArray, margin: float) -> Array:
+def support_planes(anchor: Array, ends: BoolArray, margin: float) -> Array:
     """Support polygons: the hull of the corners that stand, shrunk by a margin.
 
     Args:
         anchor: (T, 2, 4, 3) where corners stand [m].
         ends: (T, 2, 4) which of them do.
-        wanted: (T,) samples whose polygon is of interest.
         margin: By how much they are shrunk [m].
 
     Returns:
@@ -198,7 +197,7 @@ def support_planes(anchor: Array, ends: BoolArray, wanted: BoolArray, margin: fl
     changes = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0.0, axis=1)) + 1
     for start, stop in zip([0, *changes], [*changes, len(anchor)], strict=True):
         corners = anchor[start, ends[start], :2]
-        if len(corners) >= 4 and wanted[start:stop].any():
+        if len(corners) >= 4:
             planes = np.unique(ConvexHull(corners).equations.round(9), axis=0)
             support[start:stop, : len(planes)] = planes * [1, 1, -1] - [0, 0, margin]
     return support

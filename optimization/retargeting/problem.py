@@ -74,8 +74,8 @@ def make_problem(
     standing: Array,
     targets: Targets,
     options: RetargetOptions,
-    reference: Array | None = None,
-    stride: int = STRIDE,
+    reference: Array | None,
+    stride: int,
 ) -> Problem:
     """Poses the problem.
 
@@ -84,7 +84,7 @@ def make_problem(
         standing: (J,) the posture to which joints tend [rad].
         targets: What to follow.
         options: Weights, limits and margins.
-        reference: (k, 4) leading control quaternions to be kept, of a previous window.
+        reference: (k, 4) leading control quaternions to be kept, of a previous window; or None.
         stride: Every how many samples it looks.
     """
     spacing, weights = options.knot_spacing, options.weights
@@ -94,6 +94,7 @@ def make_problem(
     basis = spline.basis(targets.time[picked], spacing, whole.points)
     dt = np.gradient(targets.time[picked])[:, None]
     slow = weights.support * _slowness(targets, tables, options.slow_speed)[picked]
+    counts = targets.contact[picked] & (slow > 0.0)[:, None, None]  # hulls of others take time
     feet = np.full(2, 0.3)  # the toes see most of a foot's direction already
     direction = weights.direction * np.concatenate([np.ones(4), feet])
     chest = tables.keypoints.body[tables.body.keypoints.index("neck")]
@@ -116,9 +117,7 @@ def make_problem(
         corners=tables.corners,
         anchor=targets.anchor[picked].reshape(frames, 8, 3),
         standing=targets.contact[picked].reshape(frames, 8),
-        support=support_planes(
-            targets.anchor[picked], targets.contact[picked], slow > 0.0, options.support_margin
-        ),
+        support=support_planes(targets.anchor[picked], counts, options.support_margin),
         support_weight=slow * dt[:, 0],
         capsules=tables.capsules,
         margin=options.collision_margin,

@@ -201,7 +201,8 @@ def retarget_window(
         exceeded = [name for name, most in gate.items() if figures[name] > most]
         if not exceeded:
             return result
-        stride = 1 if "self_penetration" in exceeded else STRIDE
+        if "self_penetration" in exceeded:
+            stride = 1
     raise RetargetingError(_name(text, source), figures, exceeded)
 
 
