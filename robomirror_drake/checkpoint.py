@@ -13,8 +13,9 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from robomirror_drake.exceptions import ConfigError, ResultError
+from robomirror_drake.robot import Robot
 
-GENERATOR, PREDICTOR = "motion generator", "performance predictor"
+GENERATOR, PREDICTOR, TORQUES = "motion generator", "performance predictor", "torque predictor"
 """Kinds of networks."""
 
 GENERATOR_FILE, EVALUATOR_FILE = "generator.safetensors", "evaluator.safetensors"
@@ -42,7 +43,7 @@ def load(path: Path, kind: str = GENERATOR) -> tuple[dict[str, Tensor], dict[str
     """
     try:
         with safe_open(path, framework="pt") as file:
-            header = json.loads((file.metadata() or {}).get("robomirror", "{}"))
+            header = _header(file)
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError, json.JSONDecodeError) as error:
         raise ConfigError(f"{path}: no weights of a {kind}: {error}") from error
@@ -52,6 +53,30 @@ def load(path: Path, kind: str = GENERATOR) -> tuple[dict[str, Tensor], dict[str
         name: tensor.float() if tensor.is_floating_point() else tensor
         for name, tensor in tensors.items()
     }, header
+
+
+def is_of(path: Path, kind: str) -> bool:
+    """Whether a file holds weights of a kind; it need not be there, nor be any weights."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            return bool(_header(file).get("format") == _format(kind))
+    except (OSError, SafetensorError, json.JSONDecodeError):
+        return False
+
+
+def check_robot(path: Path, header: Mapping[str, Any], robot: Robot) -> None:
+    """Raises ConfigError where weights in a file were made for another robot."""
+    for what, there, here in (
+        ("robot", header["robot"], robot.spec.name),
+        ("joints", header["joints"], list(robot.joint_names)),
+    ):
+        if there != here:
+            raise ConfigError(f"{path}: weights of {what} {there}, but here it is {here}")
+
+
+def _header(file: Any) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads((file.metadata() or {}).get("robomirror", "{}"))
+    return told
 
 
 def _format(kind: str) -> str:

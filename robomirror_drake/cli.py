@@ -22,7 +22,7 @@ from robomirror_drake import __version__
 from robomirror_drake.commands.bench import app as bench_app
 from robomirror_drake.commands.dataset import app as dataset_app
 from robomirror_drake.commands.generator import app as generator_app
-from robomirror_drake.commands.learning import evaluate, train
+from robomirror_drake.commands.learning import evaluate, train, train_torques
 from robomirror_drake.commands.run import run
 from robomirror_drake.commands.study import study
 from robomirror_drake.commands.survey import survey
@@ -149,6 +149,7 @@ def play(result: Annotated[Path, typer.Argument(help="A result folder.")]) -> No
 
 app.command()(survey)
 app.command()(train)
+app.command()(train_torques)
 app.command()(evaluate)
 app.command()(study)
 

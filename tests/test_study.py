@@ -37,7 +37,16 @@ from robomirror_drake.study.options import (
     variants,
 )
 from robomirror_drake.study.page import labels, print_study, render_study
-from robomirror_drake.study.records import CAUSES, RESULTS, Job, Row, about, of_variant
+from robomirror_drake.study.records import (
+    CAUSES,
+    RESULTS,
+    Job,
+    Row,
+    about,
+    of_earlier,
+    of_variant,
+    pool_earlier,
+)
 from robomirror_drake.study.run import Study, Work, commands_of, run_study
 from robomirror_drake.study.summary import share_interval, summarise
 from robomirror_drake.yaml_file import load_yaml, validate
@@ -423,6 +432,33 @@ def test_failures_are_recorded(monkeypatch):
     assert [row["method"] for row in rows] == ["selection"]
 
 
+def test_how_pools_end_is_taken_over_from_another_study(tmp_path):
+    whole = study(tmp_path / "s")
+    told: list[Job] = []
+
+    def compared(job: Job) -> list[Row]:
+        told.append(job)
+        return pretend_compare(job)
+
+    work = Work(pretend_screen, compared)
+    study(tmp_path / "t", work, screened_in=tmp_path / "s")
+    assert [row for job in told for row in job.earlier] == [
+        row for row in whole.results if row["method"] != "selection"
+    ]
+    falling = next(job for job in told if job.earlier)
+    for variant in variants(OPTIONS, Scenario().adaptation):
+        row = of_earlier(falling, variant)
+        assert (row is None) == (variant.method == "selection")
+        assert row is None or row["method"] == variant.method
+        assert (pool_earlier(falling, variant) is None) == (variant.pool is None)
+    # Pools that were not simulated as these are, or not all of them, tell nothing.
+    told.clear()
+    enough = OPTIONS.model_copy(update={"simulated": "enough"})
+    study(tmp_path / "u", work, options=enough, screened_in=tmp_path / "s")
+    assert len(told) == 12
+    assert not any(job.earlier for job in told)
+
+
 # What it says
 
 
@@ -606,3 +642,11 @@ def test_a_small_study_in_physics(tmp_path, monkeypatch):
     for one, other in zip(fine, unit.compare(job), strict=True):
         here = {name: other.get(name) for name in one} | dict.fromkeys(clocks)
         assert one | dict.fromkeys(clocks) == here
+
+    # With other weights the same pools need not be simulated again.
+    count = len(executed)
+    settings = {"options": options, "scenario": scenario, "prompts": prompts}
+    again = study(tmp_path / "t", Work(), screened_in=tmp_path / "s", **settings)
+    assert len(executed) - count < count - 2
+    for one, other in zip(made.results, again.results, strict=True):
+        assert one | dict.fromkeys(clocks) == other | dict.fromkeys(clocks)

@@ -3,14 +3,15 @@
 The command's own motion, the first candidate, is kept where it is safe. Else the safe candidate
 of the best quality is chosen, of those that do what the command means; where none is safe by a
 margin, the own motion and the likeliest ones are changed until they are
-(:mod:`robomirror_drake.optimization.adaptation.adapt`), and the one that is nearest to its command
-is taken.
+(:mod:`robomirror_drake.optimization.adaptation.adapt`), and of those that are safe in the eyes
+of all who foresee, not of those alone who were climbed, the one nearest to its command is taken.
+Where nothing is safe, it is the safest of all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from scipy.special import logit
@@ -36,7 +37,7 @@ class Adaptation:
     Attributes:
         reference: What the robot takes; kinematic.
         how: ``kept``, ``selected``, ``optimised``; ``unsafe`` where nothing safe was found,
-            and the safest is taken.
+            and the safest is taken, optimised or not.
         candidate: From which candidate it comes.
         risk_before: P(fall) of the command's own motion, as predicted.
         risk: P(fall) of what is taken.
@@ -126,18 +127,26 @@ def adapt_command(
         return took("kept", 0, f"the command's own motion is kept: P(fall) {risk[0]:.1%}")
     best = next((int(i) for i in ranking.order if _suits(i, ranking, satisfactions)), None)
     sure = best is not None and logit(risk[best]) <= fall_aim(options.optimiser)
+    found = None
     if "optimisation" in options.method and not sure:
         found = _optimised(robot, goals, looked, ranking, satisfactions, predictor, options)
-        if found is not None:
-            i, changed = found
-            done = None if goals is None else measure(robot, goals, changed.reference.q)
-            return Adaptation(
-                changed.reference, "optimised", i, float(risk[0]), changed.risk, ranking, goals,
-                done, changed, changed.explanation.sentence,
-            )  # fmt: skip
+
+    def changed(
+        how: Literal["optimised", "unsafe"], i: int, made: Adapted, told: str
+    ) -> Adaptation:
+        done = None if goals is None else measure(robot, goals, made.reference.q)
+        return Adaptation(
+            made.reference, how, i, float(risk[0]), made.risk, ranking, goals, done, made, told
+        )
+
+    if found is not None and found[1].safe:
+        return changed("optimised", *found, found[1].explanation.sentence)
     if best is not None:
         return took("selected", best, f"candidate {best} instead of 0: {ranking.reasons[best]}")
     i = int(ranking.best)
+    if found is not None and found[1].risk < risk[i]:
+        sentence = found[1].explanation.sentence
+        return changed("unsafe", *found, f"nothing safe was found; the safest: {sentence}")
     return took("unsafe", i, f"nothing safe was found; {ranking.reasons[i]}")
 
 
@@ -170,8 +179,9 @@ def _optimised(
 ) -> tuple[int, Adapted] | None:
     """The least changed safe version of the own motion and the likeliest candidates.
 
-    First come those that do what the command means, which is hard to change into them. None
-    where there is no safe version.
+    First come those that do what the command means, which is hard to change into them. An
+    optimiser takes for safe what fools who was climbed: here those have their say, too, who were
+    not. Where they take none for safe, it is the safest; None where the optimiser found nothing.
     """
     others = sorted((int(i) for i in ranking.order if i), key=lambda i: not _does(i, satisfactions))
     likely = [0, *others][: options.optimised]
@@ -183,9 +193,17 @@ def _optimised(
         [Goal(name, function) for name, function in kept],
         options.optimiser,
     )
-    safe = [
-        (changed.explanation.deviation, i, changed)
-        for i, changed in zip(likely, made, strict=True)
-        if changed.safe and (goals is None or measure(robot, goals, changed.reference.q).done)
-    ]
-    return min(safe, key=lambda found: found[:2])[1:] if safe else None
+    limit, told = 1.0 - options.ranking.t_safe, []
+    for i, changed in zip(likely, made, strict=True):
+        if changed.safe and (goals is None or measure(robot, goals, changed.reference.q).done):
+            # By itself, since it would be held at its end for as long as a longer one beside it.
+            foreseen = foresee(predictor, [changed.reference], options.every)
+            before, after = float(1.0 - ranking.scores[i, 2]), float(foreseen.fall_probability[0])
+            explanation = replace(changed.explanation, risk_before=before, risk_after=after)
+            told.append(
+                (i, changed._replace(risk=after, safe=after <= limit, explanation=explanation))
+            )
+    safe = [found for found in told if found[1].safe]
+    if safe:
+        return min(safe, key=lambda found: found[1].explanation.deviation)
+    return min(told, key=lambda found: found[1].risk, default=None)

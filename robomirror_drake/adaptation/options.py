@@ -28,11 +28,12 @@ class AdaptationOptions(BaseModel):
 
     method: Method = Field("none", description="what may be done")
     predictor: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
-        ("ppn_1s_commanded", "ppn_3s"),
+        ("ppn_1s_commanded", "ppn_3s", "leg_torques"),
         min_length=1,
         description="weights in assets/ppn, or paths, whose logits are averaged: one, or a list;"
         " of whole motions one knows no state but the first, and a network that expects to see how"
-        " a fall begins takes them for safe",
+        " a fall begins takes them for safe; those of train-torques have half of the say on what"
+        " is chosen and on what was optimised, and none in what the optimiser climbs",
     )
     every: float = Field(0.5, gt=0.0, le=10.0, description="between windows that are judged [s]")
     optimised: int = Field(2, ge=1, le=64, description="candidates that are changed, at most")

@@ -143,6 +143,49 @@ def _train(options: TrainOptions) -> None:
     out.print(f"log: {options.out / LOG}", soft_wrap=True, highlight=False)
 
 
+def train_torques(
+    scenario: Annotated[
+        str,
+        typer.Argument(metavar="SCENARIO", help="YAML, or the name of one in assets/training."),
+    ] = "leg_torques",
+    data: Annotated[Path | None, typer.Option(help="Folder of a data set.")] = None,
+    folder: Annotated[Path | None, typer.Option("--out", help="For the weights.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of weights and batches.")] = None,
+) -> None:
+    """Train a small network on the largest torques of whole motions: a minute, mostly reading.
+
+    It is asked about motions that were changed until the large networks took them for safe.
+
+    Example: robomirror train-torques --data results/data
+    """
+    from robomirror_drake import checkpoint
+    from robomirror_drake.learning.torques import train_torques as run
+    from robomirror_drake.ppn.options import TrainTorquesOptions
+    from robomirror_drake.results import check_place
+    from robomirror_drake.yaml_file import changed, load_yaml
+
+    options = changed(
+        load_yaml(TrainTorquesOptions, "training", scenario), data=data, out=folder, seed=seed
+    )
+    check_place(options.out)
+    with progress_bars() as progress:
+        task = progress.add_task("motions are read", total=None)
+        path = run(
+            options,
+            lambda done, total: progress.update(
+                task, completed=done, total=total, description="epochs"
+            ),
+        )
+    _, header = checkpoint.load(path, checkpoint.TORQUES)
+    told = header["data"]
+    out.print(f"weights: {path}", soft_wrap=True, highlight=False)
+    out.print(
+        f"learned from {told['motions_learned']} motions ({100 * told['falls_learned']:.1f} % with "
+        f"a fall) of {told['commands_learned']} commands",
+        highlight=False,
+    )
+
+
 def _table(epochs: list[Epoch]) -> Table:
     table = Table("epoch", "loss", "validation", "accuracy [%]", "time [s]")
     for epoch in epochs:

@@ -46,7 +46,10 @@ def study(
     address: AddressOption = None,
     screened: Annotated[
         Path | None,
-        typer.Option(help="Folder of a study of other weights or methods: what falls is known."),
+        typer.Option(
+            help="Folder of a study of other weights or methods: what falls is known, and how the"
+            " candidates end that it has simulated."
+        ),
     ] = None,
     predictor: Annotated[
         str | None, typer.Option(help="Weights in place of the study's: a name, or a file.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,10 +30,12 @@ from robomirror_drake.learning.motion_baseline import NAME as TORQUES
 from robomirror_drake.learning.motion_baseline import torque_logits
 from robomirror_drake.learning.motions import Motion, foreseen, motion_figures, read_motions
 from robomirror_drake.learning.train import predict
-from robomirror_drake.learning.weights import Weights, load_all
+from robomirror_drake.learning.weights import Weights, load_all, load_all_torques
 from robomirror_drake.learning.windows import Integers, Windows, load_windows
 from robomirror_drake.messages import Array
+from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.predictor import Predictor
+from robomirror_drake.ppn.torques import TorquePredictor
 from robomirror_drake.robot import Robot, load_robot
 
 Report = Callable[[str, int, int | None], None]
@@ -87,7 +89,7 @@ def evaluate(
     """
     torch.set_num_threads(options.threads)
     robot = load_robot(options.robot)
-    models = load_all(paths, robot)
+    models, torques = load_all(paths, robot), load_all_torques(paths, robot)
     judged: list[Judgement] = []
     parts: dict[str, Any] = {}
     for horizon, rate in sorted({(m.options.horizon, m.options.rate) for m in models}):
@@ -105,7 +107,7 @@ def evaluate(
         "data": _told_of(options.data),
         "parts": parts,
         "rows": [judgement.row for judgement in judged],
-        "whole_motions": _whole_motions(models, robot, options, report),
+        "whole_motions": _whole_motions(models, torques, robot, options, report),
     }
     return figures, judged
 
@@ -168,23 +170,37 @@ def _about(model: Weights, data: Windows) -> dict[str, Any]:
 
 
 def _whole_motions(
-    models: Sequence[Weights], robot: Robot, options: EvaluateOptions, report: Report
+    models: Sequence[Weights],
+    torques: Mapping[str, TorquePredictor],
+    robot: Robot,
+    options: EvaluateOptions,
+    report: Report,
 ) -> list[dict[str, Any]]:
     """Figures of motions that have yet to begin: of each network, of those that adaptation
     averages, and of the baseline."""
     splits = ("train", "validation") if options.baselines else ()
     motions = read_motions(options.data, (*_JUDGED, *splits))
-    rows, found = [], {}
+    rows = []
     for number, model in enumerate(models, start=1):
         own = [foreseen(model.predictor, motions[split]) for split in _JUDGED]
-        found[model.name] = own
         rows.append(_of_motions(model.model, model.options.horizon, own, motions, options))
         report("whole motions", number, len(models))
+    for name, one in torques.items():
+        own = [foreseen(one, motions[split]) for split in _JUDGED]
+        words = f"network on the largest torques, {name}"
+        rows.append(_of_motions(words, None, own, motions, options))
+    loaded: dict[str, Predictor | TorquePredictor] = {m.name: m.predictor for m in models}
+    loaded |= torques
     used = AdaptationOptions().predictor
-    if len(used) > 1 and set(used) <= found.keys():
-        mean = [np.mean(part, axis=0) for part in zip(*(found[one] for one in used), strict=True)]
-        words = f"mean of {' and '.join(used)}"
-        rows.append(_of_motions(words, None, mean, motions, options))
+    if set(used) <= loaded.keys():
+        climbed = [name for name in used if name not in torques]
+        for words, names in (
+            (f"mean of {' and '.join(climbed)}", climbed),
+            ("as adaptation is told: that mean, and torques", used),
+        ):
+            ensemble = Ensemble([loaded[name] for name in names])
+            own = [foreseen(ensemble, motions[split]) for split in _JUDGED]
+            rows.append(_of_motions(words, None, own, motions, options))
     learned, calibrated = (motions.get(split, []) for split in ("train", "validation"))
     if all(len({motion.fell for motion in some}) == 2 for some in (learned, calibrated)):
         own = torque_logits(

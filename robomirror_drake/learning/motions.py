@@ -14,8 +14,10 @@ from robomirror_drake.learning import metrics
 from robomirror_drake.learning.metrics import Draws, Integers
 from robomirror_drake.learning.windows import executed, take_reference
 from robomirror_drake.messages import Array, BoolArray
+from robomirror_drake.ppn.ensemble import Ensemble
 from robomirror_drake.ppn.features import rows_at
 from robomirror_drake.ppn.predictor import EVERY, Predictor, whole
+from robomirror_drake.ppn.torques import TorquePredictor
 
 
 class Motion(NamedTuple):
@@ -49,13 +51,17 @@ def read_motions(folder: Path, splits: Collection[str]) -> dict[str, list[Motion
     return motions
 
 
-def foreseen(predictor: Predictor, motions: Sequence[Motion]) -> Array:
+def foreseen(predictor: Predictor | Ensemble | TorquePredictor, motions: Sequence[Motion]) -> Array:
     """(n,) logits of the probability that the robot falls in each motion, begun from rest."""
     logits = []
     for motion in motions:
         rows = rows_at(whole(len(motion.q), predictor.options.rate), len(motion.q))
-        told = predictor.foresee(motion.q[None, rows], motion.contact[None, rows], every=EVERY)
-        logits.append(float(logit(told.fall_probability[0])))
+        q, contact = motion.q[None, rows], motion.contact[None, rows]
+        if isinstance(predictor, TorquePredictor):
+            fall = predictor.foresee(q, contact)
+        else:
+            fall = predictor.foresee(q, contact, every=EVERY).fall_probability
+        logits.append(float(logit(fall[0])))
     return np.array(logits)
 
 

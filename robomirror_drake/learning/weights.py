@@ -12,6 +12,7 @@ from robomirror_drake.exceptions import ResultError
 from robomirror_drake.learning.train import CHECKPOINT, WEIGHTS
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.ppn.predictor import Predictor, load_predictor
+from robomirror_drake.ppn.torques import TorquePredictor, load_torques
 from robomirror_drake.robot import Robot
 
 
@@ -31,7 +32,7 @@ class Weights(NamedTuple):
     @property
     def name(self) -> str:
         """Under which they are packaged, or the folder that they were trained into."""
-        return self.path.parent.name if self.path.name == WEIGHTS else self.path.stem
+        return _name(self.path)
 
     @property
     def options(self) -> PPNOptions:
@@ -51,11 +52,10 @@ def load_all(paths: Sequence[Path], robot: Robot) -> list[Weights]:
         ConfigError: A file holds no weights for this robot.
         ResultError: There are none.
     """
-    places = paths or [Path(str(files("robomirror_drake.assets") / "ppn"))]
-    found = list(dict.fromkeys(file for place in places for file in _files(place)))
+    found = [path for path in _found(paths) if not checkpoint.is_of(path, checkpoint.TORQUES)]
     if not found:
         raise ResultError(
-            f"{', '.join(map(str, places))}: no weights of a {checkpoint.PREDICTOR}; "
+            f"{', '.join(map(str, _places(paths)))}: no weights of a {checkpoint.PREDICTOR}; "
             "train them with `robomirror train`, or name others with --weights"
         )
     loaded = [(path, load_predictor(path, robot)) for path in found]
@@ -69,6 +69,31 @@ def load_all(paths: Sequence[Path], robot: Robot) -> list[Weights]:
         for (path, predictor), (horizon, words) in zip(loaded, told, strict=True)
     ]
     return sorted(models, key=lambda m: (m.options.horizon, len(m.model), m.model))
+
+
+def load_all_torques(paths: Sequence[Path], robot: Robot) -> dict[str, TorquePredictor]:
+    """All weights in the same places that see nothing but torques, by name.
+
+    Raises:
+        ConfigError: A file holds weights of another robot.
+    """
+    return {
+        _name(path): load_torques(path, robot)
+        for path in _found(paths)
+        if checkpoint.is_of(path, checkpoint.TORQUES)
+    }
+
+
+def _places(paths: Sequence[Path]) -> Sequence[Path]:
+    return paths or [Path(str(files("robomirror_drake.assets") / "ppn"))]
+
+
+def _found(paths: Sequence[Path]) -> list[Path]:
+    return list(dict.fromkeys(file for place in _places(paths) for file in _files(place)))
+
+
+def _name(path: Path) -> str:
+    return path.parent.name if path.name == WEIGHTS else path.stem
 
 
 def _files(place: Path) -> Iterator[Path]:

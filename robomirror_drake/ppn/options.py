@@ -54,6 +54,35 @@ class PPNOptions(BaseModel):
         return round(self.history * self.rate) + 1
 
 
+class TorqueOptions(BaseModel):
+    """What a network on the largest torques looks at, and its size."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rate: float = Field(20.0, ge=5.0, le=60.0, description="of the motion, in frames [Hz]")
+    power: float = Field(
+        8.0, ge=1.0, le=64.0, description="of the mean over the time that stands for the largest"
+    )
+    members: int = Field(4, ge=1, le=64, description="networks whose logits are averaged")
+    hidden: int = Field(16, ge=1, le=256, description="units of each")
+
+
+class TrainTorquesOptions(BaseModel):
+    """A training on the largest torques: which data, which network, how."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    data: Path = Field(Path("results/data"), description="folder of a data set")
+    out: Path = Field(Path("results/leg_torques"), description="folder for the weights")
+    robot: str = Field("jvrc1", description="name of a YAML in assets/robots, or its path")
+    network: TorqueOptions = TorqueOptions()
+    seed: int = Field(0, ge=0, le=2**32 - 1, description="of weights and batches")
+    epochs: int = Field(150, ge=1, le=100_000, description="all of them are done")
+    batch: int = Field(512, ge=2, le=65_536, description="motions in a step")
+    learning_rate: float = Field(0.01, gt=0.0, le=1.0, description="of AdamW")
+    weight_decay: float = Field(0.001, ge=0.0, le=10.0, description="of AdamW")
+
+
 class TrainOptions(BaseModel):
     """A training: which data, which network, how."""
 

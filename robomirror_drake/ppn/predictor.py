@@ -281,20 +281,9 @@ def load_predictor(weights: str | Path, robot: Robot) -> Predictor:
         ConfigError: There are no such weights, or they are of another robot or other features;
             the message names the difference.
     """
-    path = Path(weights)
-    if not path.suffix:
-        folder = Path(str(files("robomirror_drake.assets") / "ppn"))
-        path = folder / f"{weights}.safetensors"
-        if not path.is_file():
-            known = ", ".join(sorted(p.stem for p in folder.glob("*.safetensors"))) or "none"
-            raise ConfigError(f"no weights {str(weights)!r}; known: {known}; or give a path")
+    path = weights_file(weights)
     tensors, header = checkpoint.load(path, checkpoint.PREDICTOR)
-    for what, there, here in (
-        ("robot", header["robot"], robot.spec.name),
-        ("joints", header["joints"], list(robot.joint_names)),
-    ):
-        if there != here:
-            raise ConfigError(f"{path}: weights of {what} {there}, but here it is {here}")
+    checkpoint.check_robot(path, header, robot)
     options = PPNOptions.model_validate(header["options"]["network"])
     if RECORDED % options.rate:
         raise ConfigError(f"{path}: looks at {options.rate:g} frames a second, no part of 60")
@@ -306,3 +295,20 @@ def load_predictor(weights: str | Path, robot: Robot) -> Predictor:
     predictor = Predictor(network, robot, header)
     predictor.check_features(path)
     return predictor
+
+
+def weights_file(weights: str | Path) -> Path:
+    """The file of weights that are named as in :func:`load_predictor`.
+
+    Raises:
+        ConfigError: None of the packaged has this name.
+    """
+    path = Path(weights)
+    if path.suffix:
+        return path
+    folder = Path(str(files("robomirror_drake.assets") / "ppn"))
+    path = folder / f"{weights}.safetensors"
+    if not path.is_file():
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.safetensors"))) or "none"
+        raise ConfigError(f"no weights {str(weights)!r}; known: {known}; or give a path")
+    return path

@@ -12,7 +12,7 @@ from robomirror_drake.messages import RobotReference
 from robomirror_drake.study.bench import Bench, Tried, digest
 from robomirror_drake.study.deviation import deviation
 from robomirror_drake.study.options import CLOSED, Variant, adaptation_of, adapter_of
-from robomirror_drake.study.records import Row
+from robomirror_drake.study.records import Row, pool_earlier
 
 
 def outcome(bench: Bench, variant: Variant) -> Row:
@@ -43,6 +43,8 @@ def survivor(bench: Bench, variant: Variant) -> bool | None:
 
     Where the study asks for enough to know, the likeliest are simulated until one does.
     """
+    if earlier := pool_earlier(bench.job, variant):
+        return bool(earlier["survivor"])
     references = bench.pool(variant.pool or 1).references
     known = [bench.known(reference, variant.level) for reference in references]
     if any(tried is not None and not tried.fell for tried in known):
@@ -59,6 +61,8 @@ def survivor(bench: Bench, variant: Variant) -> bool | None:
 
 def simulated(bench: Bench, variant: Variant) -> int:
     """How many of a variant's pool have been simulated."""
+    if earlier := pool_earlier(bench.job, variant):
+        return int(earlier["simulated"])
     references = bench.pool(variant.pool or 1).references
     return sum(bench.known(reference, variant.level) is not None for reference in references)
 

@@ -39,6 +39,7 @@ class Job(NamedTuple):
         options: Of the study.
         scenario: All other settings.
         screened: How the command's own motion ended; None while that is to be found out.
+        earlier: What another study has found out that does not depend on what is foreseen.
     """
 
     number: int
@@ -46,6 +47,7 @@ class Job(NamedTuple):
     options: StudyOptions
     scenario: Scenario
     screened: Row | None = None
+    earlier: tuple[Row, ...] = ()
 
 
 _COMMAND = (
@@ -128,3 +130,21 @@ def of_variant(variant: Variant) -> Row:
 def variant_of(row: Mapping[str, Any]) -> Variant:
     """The variant that a row is of."""
     return Variant(**{field.name: row[field.name] for field in fields(Variant)})
+
+
+def of_earlier(job: Job, variant: Variant) -> Row | None:
+    """The row of a variant that an earlier study has."""
+    return next((dict(row) for row in job.earlier if variant_of(row) == variant), None)
+
+
+def pool_earlier(job: Job, variant: Variant) -> Row | None:
+    """A row of an earlier study that tells how the pool of a variant ends."""
+    return next(
+        (
+            row
+            for row in job.earlier
+            if (row["pool"], row["level"]) == (variant.pool, variant.level)
+            and row["survivor"] is not None
+        ),
+        None,
+    )

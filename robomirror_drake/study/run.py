@@ -14,11 +14,12 @@ from robomirror_drake.dataset.folder import describe, description, difference, l
 from robomirror_drake.dataset.pool import Pool, here
 from robomirror_drake.dataset.prompts import Prompt, read_prompts, write_prompts
 from robomirror_drake.exceptions import InputError, ResultError
+from robomirror_drake.ppn.ensemble import load_ensemble
 from robomirror_drake.ppn.predictor import load_predictor
 from robomirror_drake.results import installed_versions
 from robomirror_drake.robot import load_robot
 from robomirror_drake.study.choose import Choice, choose, order_of
-from robomirror_drake.study.options import CLOSED, StudyOptions
+from robomirror_drake.study.options import CLOSED, FORESEEING, StudyOptions
 from robomirror_drake.study.records import RESULTS, SCREENED, Job, Row
 from robomirror_drake.study.store import Part, write_file
 from robomirror_drake.study.unit import (
@@ -100,7 +101,7 @@ def run_study(
         limit: Commands of each kind, failing and succeeding, at most.
         report: Called after each command.
         screened_in: Folder of a study in the same physics, from the same commands: how their own
-            motions end is taken from there.
+            motions end is taken from there, and what became of its pools.
         work: What is done for each.
         weights: Fingerprint of the predictor's; found out where None.
 
@@ -122,12 +123,16 @@ def run_study(
     damaged: list[str] = []
     with locked(folder), _mapping(workers, address) as mapped:
         describe(folder, "study.json", told, "study")
+        earlier: dict[int, list[Row]] = {}
         if screened_in is not None:
-            _take_over(screened_in, folder, told, damaged)
+            earlier = _take_over(screened_in, folder, told, damaged)
         jobs = [Job(n, prompt, options, scenario) for n, prompt in enumerate(prompts)]
         chosen, screened = _screen(jobs, folder, damaged, mapped, tell, work, limit)
         results = _compare(
-            [jobs[n]._replace(screened=screened[n]) for n in chosen],
+            [
+                jobs[n]._replace(screened=screened[n], earlier=tuple(earlier.get(n, ())))
+                for n in chosen
+            ],
             folder, damaged, mapped, tell, work,
         )  # fmt: skip
         ordered = [screened[n] for n in sorted(screened)]
@@ -181,8 +186,14 @@ def _screening(options: StudyOptions, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _take_over(other: Path, folder: Path, told: Mapping[str, Any], damaged: list[str]) -> None:
+def _take_over(
+    other: Path, folder: Path, told: Mapping[str, Any], damaged: list[str]
+) -> dict[int, list[Row]]:
     """Copies how own motions ended in another study.
+
+    Returns:
+        By command, its rows of methods that do not look at what is foreseen; none where not all
+        of the pools were simulated, or they were disturbed in another way.
 
     Raises:
         InputError: There is no study, or of other physics or commands.
@@ -199,6 +210,19 @@ def _take_over(other: Path, folder: Path, told: Mapping[str, Any], damaged: list
     for number, rows in Part(other / "screened", SCREENED).read(damaged, mend=False).items():
         if number not in own:
             part.write(number, rows)
+    simulated = [_simulated(one["options"]) for one in (there, told)]
+    if simulated[0] is None or simulated[0] != simulated[1]:
+        return {}
+    results = Part(other / "results", RESULTS).read(damaged, mend=False)
+    return {
+        number: [row for row in rows if row["method"] not in FORESEEING and not row["failure"]]
+        for number, rows in results.items()
+    }
+
+
+def _simulated(options: Mapping[str, Any]) -> str | None:
+    """What decides how each of a pool ends; None where it depends on what is foreseen of them."""
+    return json.dumps(options["grid"]["levels"]) if options["simulated"] == "whole" else None
 
 
 def _compare(
@@ -248,11 +272,11 @@ def fingerprint(options: StudyOptions, scenario: Scenario) -> str:
     Raises:
         ConfigError: There are no such weights, or they are of another robot.
     """
-    used = [*scenario.adaptation.predictor]
-    if set(options.grid.methods) & set(CLOSED):
-        used.append(options.adapter.predictor)
     robot = load_robot(scenario.robot)
-    networks = [load_predictor(weights, robot).network.state_dict() for weights in used]
+    used = [*load_ensemble(scenario.adaptation.predictor, robot).members]
+    if set(options.grid.methods) & set(CLOSED):
+        used.append(load_predictor(options.adapter.predictor, robot))
+    networks = [one.network.state_dict() for one in used]
     return _fingerprint(one[name].numpy().tobytes() for one in networks for name in sorted(one))
 
 

@@ -12,7 +12,7 @@ from robomirror_drake.study.bench import Bench
 from robomirror_drake.study.causes import cause
 from robomirror_drake.study.methods import outcome, simulated, survivor
 from robomirror_drake.study.options import FORESEEING, Variant, variants
-from robomirror_drake.study.records import Job, Row, about, of_variant
+from robomirror_drake.study.records import Job, Row, about, of_earlier, of_variant
 
 _WARM: set[tuple[str, ...]] = set()  # weights that this process has adapted with
 
@@ -51,7 +51,7 @@ def compare(job: Job) -> list[Row]:
             bench.remember(bench.own, job.options.grid.levels[0].name, job.screened)
     except Exception as error:
         return [_failed(job, variant, error) for variant in wanted]
-    rows = [_row(bench, variant) for variant in wanted]
+    rows = [of_earlier(job, variant) or _row(bench, variant) for variant in wanted]
     if _falls(job):
         for variant, row in zip(wanted, rows, strict=True):
             _explain(bench, variant, row)
