@@ -451,7 +451,7 @@ def test_how_pools_end_is_taken_over_from_another_study(tmp_path):
         assert (row is None) == (variant.method == "selection")
         assert row is None or row["method"] == variant.method
         assert (pool_earlier(falling, variant) is None) == (variant.pool is None)
-    # Pools that were not simulated as these are, or not all of them, tell nothing.
+    # Pools that were not simulated as far as these are tell nothing.
     told.clear()
     enough = OPTIONS.model_copy(update={"simulated": "enough"})
     study(tmp_path / "u", work, options=enough, screened_in=tmp_path / "s")

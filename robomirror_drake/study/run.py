@@ -192,8 +192,8 @@ def _take_over(
     """Copies how own motions ended in another study.
 
     Returns:
-        By command, its rows of methods that do not look at what is foreseen; none where not all
-        of the pools were simulated, or they were disturbed in another way.
+        By command, its rows of methods that do not look at what is foreseen; none where the pools
+        were not simulated as far, or were disturbed in another way.
 
     Raises:
         InputError: There is no study, or of other physics or commands.
@@ -221,8 +221,9 @@ def _take_over(
 
 
 def _simulated(options: Mapping[str, Any]) -> str | None:
-    """What decides how each of a pool ends; None where it depends on what is foreseen of them."""
-    return json.dumps(options["grid"]["levels"]) if options["simulated"] == "whole" else None
+    """What decides what is known of how pools end; None where that is only what was chosen."""
+    known = [options["simulated"], options["draws"], options["grid"]["levels"]]
+    return None if options["simulated"] == "chosen" else json.dumps(known)
 
 
 def _compare(
