@@ -142,10 +142,24 @@ def test_several_weights_may_follow_one_option(monkeypatch, capsys, data, weight
     assert all(str(file) in printed for file in files)
 
 
+def test_a_network_on_torques_is_trained_and_judged(monkeypatch, capsys, data, weights, tmp_path):
+    place = tmp_path / "strain"
+    command = ("train-torques", "--data", data, "--out", place)
+    assert robomirror(monkeypatch, *command) == 0
+    assert "learned from 16 motions (50.0 % with a fall) of 16 commands" in said(capsys)
+    file = tmp_path / "e.json"
+    judged = ("--data", data, "--no-baselines", "--draws", 20, "--json", file)
+    assert robomirror(monkeypatch, "evaluate", weights / "full", place, *judged) == 0
+    rows = {row["model"]: row for row in json.loads(file.read_text())["whole_motions"]}
+    assert rows["network on the largest torques, strain"]["motions"]["test"]["motions"] == 10
+    assert robomirror(monkeypatch, "train", "leg_torques", "--data", data) == 2
+    assert "members" in said(capsys)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("train", "nothing"), "no training/nothing; known: ppn_1s"),
+        (("train", "nothing"), "no training/nothing; known: leg_torques, ppn_1s"),
         (("train", "ppn_1s", "--data", "/nowhere", "--out", "{tmp}/o"), "/nowhere holds no exec"),
         (("train", "ppn_1s", "--epochs", 0), "epochs: Input should be greater"),
         (("train", "ppn_1s", "--device", "tpu"), "device: Input should be 'cpu' or 'cuda'"),

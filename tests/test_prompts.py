@@ -160,3 +160,9 @@ def test_bad_files_of_prompts_are_refused(tmp_path, monkeypatch, name, content, 
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=message):
         read_prompts(name)
+
+
+def test_a_folder_does_not_stand_in_the_way_of_a_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "falls").mkdir()
+    assert len(read_prompts("falls")) > 400

@@ -84,7 +84,7 @@ def _prompt(row: dict[str, str]) -> Prompt:
 def _find(file: str | Path) -> Path:
     """A path as it is, a name in the package's own folder."""
     path = Path(file)
-    if path.suffix or path.exists():
+    if path.suffix or path.is_file():
         return path
     folder = Path(str(resources.files("robomirror_drake.assets") / "prompts"))
     shipped = folder / f"{file}.csv"

@@ -61,7 +61,7 @@ class TorqueOptions(BaseModel):
 
     rate: float = Field(20.0, ge=5.0, le=60.0, description="of the motion, in frames [Hz]")
     power: float = Field(
-        8.0, ge=1.0, le=64.0, description="of the mean over the time that stands for the largest"
+        8.0, ge=1.0, le=64.0, description="of the norm over the time that stands for the largest"
     )
     members: int = Field(4, ge=1, le=64, description="networks whose logits are averaged")
     hidden: int = Field(16, ge=1, le=256, description="units of each")

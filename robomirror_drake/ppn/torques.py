@@ -81,10 +81,6 @@ class TorquePredictor:
         """What the network looks at."""
         return self.network.options
 
-    def seen(self, q: Array, contact: Array | BoolArray) -> Tensor:
-        """(n, joints of a leg) what the network sees of motions, see :func:`largest_torques`."""
-        return largest_torques(self._body, self._tensor(q), self._tensor(contact), self.options)
-
     def foresee(self, q: Array, contact: Array | BoolArray) -> Array:
         """(n,) probabilities that the robot falls in motions from rest.
 
@@ -92,24 +88,24 @@ class TorquePredictor:
             q: (n, N, 30) motions at the network's rate, Drake order.
             contact: (n, N, 2, 4) which sole corners are meant to bear load.
         """
+        motions, schedules = (
+            torch.from_numpy(np.array(part, np.float64)).to(self._type) for part in (q, contact)
+        )
         with torch.no_grad():
-            logit = self.network(self.seen(q, contact))
+            logit = self.network(largest_torques(self._body, motions, schedules, self.options))
         return np.asarray(expit(logit.double().numpy()))
-
-    def _tensor(self, values: Array | BoolArray) -> Tensor:
-        return torch.from_numpy(np.array(values, dtype=np.float64)).to(self._type)
 
 
 def largest_torques(body: Body, q: Tensor, contact: Tensor, options: TorqueOptions) -> Tensor:
     """(n, joints of a leg) largest torque of either leg, per body weight [m].
 
-    It is a power mean over the time, which knows no sudden change from one sample to another.
+    A norm over the time stands for the largest: it does not hang on a single sample.
 
     Args:
         body: Of the robot.
         q: (n, N, 30) motions, Drake order; the robot stands before and after.
         contact: (n, N, 2, 4) which sole corners are meant to bear load, 0 or 1.
-        options: Rate of the motions, and the power.
+        options: Rate of the motions, and power of the norm.
     """
     held = torch.arange(-PAD, q.shape[1] + PAD).clamp(0, q.shape[1] - 1)
     frames = reference_frames(body, q[:, held], contact, 1.0 / options.rate)
