@@ -13,7 +13,6 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from robomirror_drake.exceptions import ConfigError, ResultError
-from robomirror_drake.robot import Robot
 
 GENERATOR, PREDICTOR, TORQUES = "motion generator", "performance predictor", "torque predictor"
 """Kinds of networks."""
@@ -62,16 +61,6 @@ def is_of(path: Path, kind: str) -> bool:
             return bool(_header(file).get("format") == _format(kind))
     except (OSError, SafetensorError, json.JSONDecodeError):
         return False
-
-
-def check_robot(path: Path, header: Mapping[str, Any], robot: Robot) -> None:
-    """Raises ConfigError where weights in a file were made for another robot."""
-    for what, there, here in (
-        ("robot", header["robot"], robot.spec.name),
-        ("joints", header["joints"], list(robot.joint_names)),
-    ):
-        if there != here:
-            raise ConfigError(f"{path}: weights of {what} {there}, but here it is {here}")
 
 
 def _header(file: Any) -> dict[str, Any]:

@@ -419,7 +419,7 @@ def test_a_run_does_the_safe_candidate_and_compares(monkeypatch):
     for module in ("predictor", "ensemble"):
         place = f"robomirror_drake.ppn.{module}.load_predictor"
         monkeypatch.setattr(place, lambda *_: Foreteller())
-    scenario = adapting(load_scenario("default"), "selection", None)
+    scenario = adapting(load_scenario("default"), "selection", "ppn_3s")
     made = run(
         scenario.model_copy(
             update={

@@ -24,15 +24,9 @@ from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.messages import Array, BoolArray, QualityPrediction, RobotReference
 from robomirror_drake.ppn.model import SCORES
 from robomirror_drake.ppn.options import PPNOptions
-from robomirror_drake.ppn.predictor import (
-    EVERY,
-    History,
-    Judged,
-    Predictor,
-    load_predictor,
-    weights_file,
-)
+from robomirror_drake.ppn.predictor import EVERY, History, Judged, Predictor, load_predictor
 from robomirror_drake.ppn.torques import TorquePredictor, load_torques
+from robomirror_drake.ppn.weights import weights_file
 from robomirror_drake.robot import Robot
 
 _SURE = 1e-12  # probability beyond which nobody is
@@ -50,7 +44,7 @@ class Ensemble:
         Raises:
             ConfigError: There is none, or they look at motions at different rates.
         """
-        self._networks = tuple(one for one in members if isinstance(one, Predictor))
+        self._networks = tuple(one for one in members if not isinstance(one, TorquePredictor))
         self._torques = tuple(one for one in members if isinstance(one, TorquePredictor))
         if not self._networks:
             raise ConfigError("no predictor of errors and windows: name one beside the torques'")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -27,6 +26,7 @@ from robomirror_drake.ppn.features import (
 )
 from robomirror_drake.ppn.model import PPN, Scores
 from robomirror_drake.ppn.options import PPNOptions
+from robomirror_drake.ppn.weights import check_robot, weights_file
 from robomirror_drake.robot import Robot
 
 EVERY = 0.5
@@ -283,7 +283,7 @@ def load_predictor(weights: str | Path, robot: Robot) -> Predictor:
     """
     path = weights_file(weights)
     tensors, header = checkpoint.load(path, checkpoint.PREDICTOR)
-    checkpoint.check_robot(path, header, robot)
+    check_robot(path, header, robot)
     options = PPNOptions.model_validate(header["options"]["network"])
     if RECORDED % options.rate:
         raise ConfigError(f"{path}: looks at {options.rate:g} frames a second, no part of 60")
@@ -295,20 +295,3 @@ def load_predictor(weights: str | Path, robot: Robot) -> Predictor:
     predictor = Predictor(network, robot, header)
     predictor.check_features(path)
     return predictor
-
-
-def weights_file(weights: str | Path) -> Path:
-    """The file of weights that are named as in :func:`load_predictor`.
-
-    Raises:
-        ConfigError: None of the packaged has this name.
-    """
-    path = Path(weights)
-    if path.suffix:
-        return path
-    folder = Path(str(files("robomirror_drake.assets") / "ppn"))
-    path = folder / f"{weights}.safetensors"
-    if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.safetensors"))) or "none"
-        raise ConfigError(f"no weights {str(weights)!r}; known: {known}; or give a path")
-    return path

@@ -22,6 +22,7 @@ from robomirror_drake.messages import Array, BoolArray
 from robomirror_drake.ppn.body import Body
 from robomirror_drake.ppn.features import PAD, reference_frames
 from robomirror_drake.ppn.options import TorqueOptions
+from robomirror_drake.ppn.weights import check_robot
 from robomirror_drake.robot import Robot
 
 _LEAST = 1e-3  # of a torque: per body weight [m]
@@ -122,7 +123,7 @@ def load_torques(path: Path, robot: Robot) -> TorquePredictor:
         ConfigError: There are no such weights, or they are of another robot.
     """
     tensors, header = checkpoint.load(path, checkpoint.TORQUES)
-    checkpoint.check_robot(path, header, robot)
+    check_robot(path, header, robot)
     options = TorqueOptions.model_validate(header["options"]["network"])
     network = TorqueNetwork(options, tensors["network.scale"].shape[1])
     checkpoint.restore("network", network, tensors)
