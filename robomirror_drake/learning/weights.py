@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from robomirror_drake.learning.train import CHECKPOINT, WEIGHTS
 from robomirror_drake.ppn.options import PPNOptions
 from robomirror_drake.ppn.predictor import Predictor, load_predictor
 from robomirror_drake.ppn.torques import TorquePredictor, load_torques
+from robomirror_drake.ppn.weights import PACKAGED
 from robomirror_drake.robot import Robot
 
 
@@ -85,7 +85,7 @@ def load_all_torques(paths: Sequence[Path], robot: Robot) -> dict[str, TorquePre
 
 
 def _places(paths: Sequence[Path]) -> Sequence[Path]:
-    return paths or [Path(str(files("robomirror_drake.assets") / "ppn"))]
+    return paths or [PACKAGED]
 
 
 def _found(paths: Sequence[Path]) -> list[Path]:

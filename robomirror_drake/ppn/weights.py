@@ -10,6 +10,9 @@ from typing import Any
 from robomirror_drake.exceptions import ConfigError
 from robomirror_drake.robot import Robot
 
+PACKAGED = Path(str(files("robomirror_drake.assets") / "ppn"))
+"""Folder of the weights that come with the package."""
+
 
 def weights_file(weights: str | Path) -> Path:
     """The file of weights.
@@ -23,10 +26,9 @@ def weights_file(weights: str | Path) -> Path:
     path = Path(weights)
     if path.suffix:
         return path
-    folder = Path(str(files("robomirror_drake.assets") / "ppn"))
-    path = folder / f"{weights}.safetensors"
+    path = PACKAGED / f"{weights}.safetensors"
     if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.safetensors"))) or "none"
+        known = ", ".join(sorted(p.stem for p in PACKAGED.glob("*.safetensors"))) or "none"
         raise ConfigError(f"no weights {str(weights)!r}; known: {known}; or give a path")
     return path
 
